@@ -207,8 +207,6 @@ class SceneConfig:
             values["segments"] = "none"
         if section == "check_poses":
             values["enabled"] = self.checks_poses
-        if section == "emitters" and values["local_guess"] is None:
-            values["local_guess"] = not self._wants_mesh() or self._geometry("scan") is not None
         if section == "geometry":  # of the full images; materials see the smaller ones
             values["triangle_size"] *= self.settings["import"].downscale
         return json.dumps(self.place.paths(values, f"settings.{section}"), sort_keys=True)
@@ -262,16 +260,14 @@ class SceneConfig:
 
     def developed(self) -> list[str]:
         """The capture report and the developed views, of photographed scenes."""
-        if not self.source.photographed:
-            return []
-        return [*self.judged(), *(self.layout.developed.format(shard=shard) for shard in self.views.shards("all"))]
+        shards = self.views.shards("all") if self.source.photographed else ()
+        return [*self.judged(), *(self.layout.developed.format(shard=shard) for shard in shards)]
 
     def brackets(self, shard: str) -> list[str]:
         """The photographs of a shard; of a simulated camera all, since it is their table that tells brackets apart."""
         assert self.source.photographs is not None
-        if self.source.simulated:
-            return self.calibration_files()
-        return self.source.photographs.of(self.views.shards("all")[shard], shard)
+        own = self.source.photographs.of(self.views.shards("all")[shard], shard)
+        return self.calibration_files() if self.source.simulated else own
 
     def simulated_frames(self) -> list[str]:
         """Manifests of what a simulated camera took; true photographs are no files of ours."""
@@ -407,6 +403,10 @@ class SceneConfig:
     def emitters_of_fit(self, round: str) -> list[str]:
         """The emitters that a fit, and the parts before it, leave out, where they are decided before it."""
         return [self._emitters(int(round))] if self.settings["emitters"].decide == "regions" else []
+
+    def emitters_before_fit(self, round: str) -> list[str]:
+        """The emitters that the shading of a fit was made with, where those of its round are decided before it."""
+        return [self.emitters_before(round)] if self.emitters_of_fit(round) and int(round) > 0 else []
 
     def _emitters(self, round: int) -> str:
         return self.layout.emitters.format(round=round if self.settings["emitters"].every_round else 0)

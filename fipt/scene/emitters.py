@@ -225,6 +225,13 @@ def question_triangles(emitters: Emitters) -> list[np.ndarray]:
     return [undecided.triangle[open_ & (undecided.region == number)] for number in range(len(undecided.emits))]
 
 
+def moved_power(emitters: Emitters, before: Emitters) -> float:
+    """Share of the power that is not where it was ``before``: between two rounds of one mesh, at most 2."""
+    count = max(int(each.triangle.max(initial=-1)) + 1 for each in (emitters, before))
+    now, then = (np.bincount(each.triangle, each.power, count) for each in (emitters, before))
+    return float(np.abs(now - then).sum() / max(now.sum(), then.sum(), 1e-12))
+
+
 def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
     """What emitters.json says of every emitter.
 

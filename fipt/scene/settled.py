@@ -33,6 +33,8 @@ class RoundState:
         1 where the shading of the round before was kept whole, since the emitters found give too little light; else 0.
     kept
         Share of the shading of the round before that is kept.
+    moved
+        Share of the emitters' power that is not where it was in the round before.
     """
 
     round: int
@@ -42,6 +44,7 @@ class RoundState:
     kd_change: float | None = None
     light_missing: float = 0.0
     kept: float = 0.0
+    moved: float = 0.0
 
     @property
     def copied(self) -> bool:

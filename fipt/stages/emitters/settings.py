@@ -35,11 +35,6 @@ class EmittersSettings(Settings):
         description="unseen surface emits what explains the photographs, where seen emitters do not and it is told; "
         "with `complete` unseen pieces of an emitter's shape emit as it does, too",
     )
-    local_guess: bool | None = Field(
-        default=None,
-        description="`guess`: light that matters in less than half of the room, too; absent: in every mesh "
-        "but one that a run makes of the views, whose errors look like lamps",
-    )
 
 
 class ReviewSettings(Settings):

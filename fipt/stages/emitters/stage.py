@@ -124,8 +124,7 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     guess: tuple[str, ...] = ()
     figures: dict[str, Any] = {}
     if settings.guess and inputs.cache is not None:
-        local = settings.local_guess is not False
-        found, guess, figures = _guessed(inputs, extracted, mesh, shards, decided, local)
+        found, guess, figures = _guessed(inputs, extracted, mesh, shards, decided)
     found = replace(found, undecided=found.undecided.largest(mesh.areas, _MOST_ASKED))
     write_emitters(inputs.out, found, mesh, data.radiance_scale)
     count = int(found.emitter.max(initial=-1)) + 1
@@ -148,7 +147,6 @@ def _guessed(
     mesh: "Mesh",
     shards: "Sequence[ObservedShard]",
     decided: "ReviewDecisions",
-    local: bool,
 ) -> tuple["Emitters", tuple[str, ...], dict[str, Any]]:
     """Emitters with what no view shows, warnings and figures about it."""
     import numpy as np
@@ -170,7 +168,7 @@ def _guessed(
         last = read_emitters(inputs.previous, mesh)
         own = last.guessed & ~copied(mesh, last)  # copies of lamps are guessed anew, and ask for nothing
         before[last.triangle[own]] = last.emitter[own]
-    guessed = with_guess(mesh, shards, extracted, read_cache(inputs.cache), outside, rejected, before, local)
+    guessed = with_guess(mesh, shards, extracted, read_cache(inputs.cache), outside, rejected, before)
     return guessed.emitters, guessed.warnings, dict(guessed.figures)
 
 

@@ -217,14 +217,11 @@ def _darkest(before: _State) -> float:
     return min(MIDDLE - 2 * MIDDLE_SPREAD, before.middle) - _ERROR
 
 
-def witnessed(
-    guess: Guess, blocks: Blocks, patches: Patches, transport: Transport, asks: np.ndarray, local: bool = True
-) -> Guess:
+def witnessed(guess: Guess, blocks: Blocks, patches: Patches, transport: Transport, asks: np.ndarray) -> Guess:
     """The guess, if more tells of it than how bright the blocks are that ask for light, (N,) bool; else none.
 
     What asks may emit, or be lit by a lamp: its brightness cannot say which. How that changes from place to place can,
-    and so can other surface. So each group of it is as bright as is usual under the light that is seen. ``local`` is
-    whether the light may be.
+    and so can other surface. So each group of it is as bright as is usual under the light that is seen.
     """
     if not guess.determined:
         return guess
@@ -234,7 +231,7 @@ def witnessed(
     for k in np.unique(group[asks]):
         factor[group == k] = np.exp(MIDDLE - np.median(level[group == k]))
     usual = replace(blocks, group=group, radiance=blocks.radiance * factor[:, None])
-    found = explain(usual, patches, transport, local, Start(tuple(range(patches.candidates.shape[1])), guess.errors))
+    found = explain(usual, patches, transport, True, Start(tuple(range(patches.candidates.shape[1])), guess.errors))
     return guess if found.determined else found
 
 

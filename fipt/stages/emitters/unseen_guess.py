@@ -15,7 +15,6 @@ from fipt.scene.samples import median_footprint
 from fipt.scene.surface_blocks import LEAST_SIGMA, Blocks, blocks_of
 from fipt.stages.emitters.edges import without_edge
 from fipt.stages.emitters.extract import Extracted
-from fipt.stages.emitters.guess_in_words import advice_in_words, missing_in_words, undetermined_in_words
 from fipt.stages.emitters.observations import grouped_median, guess_confidence
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
 from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained, witnessed
@@ -25,8 +24,12 @@ _LEAST_BLOCKS = 30
 """Pieces of seen surface without which no light is told from a reflectance."""
 _ENCLOSED = 0.3
 """Share of a patch's light that arrives at seen surface, below which it lies in a gap or a box: no lamp does."""
+_LEVEL = 0.7
+"""Cosine with the vertical above which a surface is floor or ceiling."""
 _FINER = 2
 """How often the cells around patches that emit are halved: to 9 cm in a room, in which a strip is no whole cupboard."""
+_OPEN = 0.15
+"""Share of the light's directions that may leave the mesh unknown; more is an error like those of shading."""
 
 
 @dataclass(frozen=True)
@@ -46,30 +49,6 @@ class Guessed:
     emitters: Emitters
     warnings: tuple[str, ...]
     figures: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class _Limits:
-    """What bounds a guess, of T triangles.
-
-    Attributes
-    ----------
-    rejected
-        (T,) bool: what a person said not to emit.
-    before
-        (T,) int64 number of the emitter that was guessed in the round before, -1 elsewhere.
-    local
-        Light that matters in less than half of the room, too.
-    """
-
-    rejected: np.ndarray
-    before: np.ndarray
-    local: bool
-
-    @property
-    def guessed_before(self) -> bool:
-        """Whether anything was guessed in the round before."""
-        return bool((self.before >= 0).any())
 
 
 @dataclass(frozen=True)
@@ -131,7 +110,6 @@ def with_guess(
     environment: EnvironmentMap,
     rejected: np.ndarray,
     before: np.ndarray | None = None,
-    local: bool = True,
 ) -> Guessed:
     """Add the emission of unseen surface that explains the photographs, where seen light does not.
 
@@ -152,15 +130,11 @@ def with_guess(
     before
         (T,) int64 number of the emitter that was guessed in the round before, -1 elsewhere; None: nothing was. It is
         offered as it is, too, need not be chosen from all that is hidden again, and stays unless another gains more.
-    local
-        Whether light may be guessed that matters in less than half of the room. In a mesh of photographs all that no
-        view shows is invented, and light is wrong from place to place as if lamps were missing.
     """
     before = np.full(len(rejected), -1) if before is None else np.where(rejected, -1, before)
-    limits = _Limits(rejected, before, local)
-    trial = partial(_trial, mesh, shards, cache=cache, environment=environment, limits=limits)
-    judged = _judged(trial, shards, extracted, limits)
-    found, tried, missing = judged.emitters, judged.trial, missing_in_words(mesh, judged.darkened)
+    trial = partial(_trial, mesh, shards, cache=cache, environment=environment, rejected=rejected, before=before)
+    judged = _judged(trial, shards, extracted, len(mesh.triangles), bool((before >= 0).any()))
+    found, tried, missing = judged.emitters, judged.trial, _missing(mesh, judged.darkened)
     if tried is None:
         return Guessed(found, missing, {"guess": {"tried": False}})  # nothing asks for it, or too little is seen
     guess, leaves = tried.guess, float(np.median(tried.transport.open))
@@ -177,14 +151,18 @@ def with_guess(
     if not guess.determined:
         if (before < 0).all() and not guess.even_before:
             found = replace(found.chosen(~judged.doubtful), undecided=found.undecided.joined(extracted.doubtful))
-        return Guessed(found, missing + undetermined_in_words(guess, leaves), {"guess": figures})
+        return Guessed(found, missing + _undetermined(guess, leaves), {"guess": figures})
     emitters = _added(mesh, found, tried.patches, guess)
     own = ~np.isin(emitters.triangle, found.triangle)  # copies of lamps are guessed for another reason
-    return Guessed(emitters, missing + advice_in_words(mesh, emitters, own, guess, environment.up), {"guess": figures})
+    return Guessed(emitters, missing + _advice(mesh, emitters, own, guess, environment.up), {"guess": figures})
 
 
 def _judged(
-    trial: Callable[..., _Trial | None], shards: Sequence[ObservedShard], extracted: Extracted, limits: _Limits
+    trial: Callable[..., _Trial | None],
+    shards: Sequence[ObservedShard],
+    extracted: Extracted,
+    triangles: int,
+    asked: bool,
 ) -> _Judged:
     """Emitters that are not told to be lit, and the guess beside them.
 
@@ -196,9 +174,10 @@ def _judged(
     ----------
     trial
         Guesses light beside emitters.
+    asked
+        Whether other evidence than doubtful emitters says that light is missing.
     """
-    found, doubtful, triangles = extracted.emitters, _doubtful(extracted), len(limits.rejected)
-    asked = limits.guessed_before  # other evidence than doubtful emitters says that light is missing
+    found, doubtful = extracted.emitters, _doubtful(extracted)
     if not doubtful.any():
         return _Judged(found, doubtful, found.chosen(doubtful), trial(found, asked=asked))
     number = np.where(doubtful, found.emitter, -1)
@@ -206,8 +185,7 @@ def _judged(
     tried = trial(found.chosen(~doubtful), asked=True)
     if tried is not None and not asked:
         asks = _numbers(found, triangles, doubtful)[tried.blocks.triangle] >= 0
-        guess = witnessed(tried.guess, tried.blocks, tried.patches, tried.transport, asks, limits.local)
-        tried = replace(tried, guess=guess)
+        tried = replace(tried, guess=witnessed(tried.guess, tried.blocks, tried.patches, tried.transport, asks))
     lit = np.isin(number, _lit(tried, found, doubtful, triangles))
     lit_by_seen = np.isin(number, _lit_by_what_is_seen(tried, found, doubtful & _for_brightness(extracted), triangles))
     stays = ~(lit | fading | lit_by_seen)
@@ -254,12 +232,13 @@ def _trial(
     found: Emitters,
     cache: Mapping[str, np.ndarray],
     environment: EnvironmentMap,
-    limits: _Limits,
+    rejected: np.ndarray,
+    before: np.ndarray,
     asked: bool = False,
 ) -> _Trial | None:
     """Guess light beside emitters; None where they explain the photographs, or too little is seen.
 
-    If ``asked``, other evidence says that they do not: it counts where light may be local.
+    If ``asked``, other evidence says that they do not.
     """
     emitting = np.zeros(len(mesh.triangles), bool)
     emitting[found.triangle] = True
@@ -268,18 +247,16 @@ def _trial(
         return None
     lights = Lights(mesh, hidden_triangles(mesh, shards, found), cache, found, environment, blocks.brightest)
     known = seen_light(blocks, lights)
-    asked &= limits.local
-    if not asked and not limits.guessed_before and explained(blocks, known):
+    if not asked and explained(blocks, known):
         return None
-    hidden = lights.hidden & ~limits.rejected
+    hidden = lights.hidden & ~rejected
     met = hidden & (lights.met > 0)  # of the rays from what is seen
     part = small_parts(mesh, hidden, lights.met)
     met |= part >= 0  # few rays meet a bulb, and each of them one of its many triangles
     offered = partial(_offered, blocks, lights, known, _square_pixel(shards), asked)
     trial = _finer(offered(patches_of(mesh, met, part)), offered, mesh)
-    guessed_before = hidden & (limits.before >= 0)
-    if guessed_before.any():
-        old = patches_as_before(mesh, met | guessed_before, part, limits.before)
+    if (hidden & (before >= 0)).any():
+        old = patches_as_before(mesh, met | hidden & (before >= 0), part, before)
         again = offered(old, trial if trial.guess.determined else None)
         better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
         trial = again if again.guess.determined and better else trial
@@ -412,4 +389,60 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
             guessed=np.ones(count, bool),
             spread=np.full(count, guess.spread, np.float32),
         )
+    )
+
+
+def _advice(mesh: Mesh, emitters: Emitters, own: np.ndarray, guess: Guess, up: str) -> tuple[str, ...]:
+    """What a person should know of the guess that some triangles (E,) emit: where to photograph, and how sure it is."""
+    if not own.any():  # all of it lies on doubtful emitters, which it does not light
+        return ()
+    power = emitters.power
+    share, power = float(power[own].sum() / power.sum()), power[own]
+    triangle = emitters.triangle[own]
+    strongest = emitters.emitter[own] == np.bincount(emitters.emitter[own], power).argmax()
+    weight = power[strongest]
+    centers = mesh.corners[triangle[strongest]].mean(axis=1)
+    place = (centers * weight[:, None]).sum(axis=0) / weight.sum()
+    text = ", ".join(f"{v:.2f}" for v in place)
+    kind = _kind(mesh, triangle[strongest], place, up)
+    return (
+        f"the emitters that views show cannot explain the photographs: {100 * share:.0f} % of the power of all "
+        f"emitters is guessed, and known within {100 * guess.spread:.0f} %; photograph the {kind} near ({text})",
+    )
+
+
+def _missing(mesh: Mesh, darkened: Emitters) -> tuple[str, ...]:
+    """What to say of surface that reflects more than the light of the emitters, and that no guess lights."""
+    if not len(darkened.triangle):
+        return ()
+    area, centers = mesh.areas[darkened.triangle], mesh.corners[darkened.triangle].mean(axis=1)
+    largest = darkened.emitter == np.bincount(darkened.emitter, area).argmax()
+    place = ", ".join(f"{v:.2f}" for v in np.average(centers[largest], axis=0, weights=area[largest]))
+    return (
+        f"light is missing: {area.sum():.2f} m2 of surface, the largest of it near ({place}), are brighter than white "
+        "under the emitters found, and not under the light that views show; photograph what lights that place",
+    )
+
+
+def _kind(mesh: Mesh, triangles: np.ndarray, place: np.ndarray, up: str) -> str:
+    """Ceiling, floor or wall."""
+    axis = 1 if up == "y" else 2
+    normal = np.abs(mesh.area_normals[triangles]).sum(axis=0)
+    if normal[axis] < _LEVEL * np.linalg.norm(normal):
+        return "wall"
+    return "ceiling" if place[axis] > mesh.vertices[:, axis].mean() else "floor"
+
+
+def _undetermined(guess: Guess, leaves: float) -> tuple[str, ...]:
+    """What to say where seen light does not explain the photographs, and no guess does."""
+    if leaves > _OPEN:
+        return (
+            f"the light that is seen cannot explain the photographs, and {100 * leaves:.0f} % of the directions leave "
+            "the mesh to where no view looks: photograph the openings, or give environment.file",
+        )
+    if guess.before <= 2 * _OPEN:
+        return ()
+    return (
+        "the light that is seen cannot explain the photographs, and where the rest comes from is not determined: "
+        "photograph the ceiling, the windows and whatever else shines",
     )

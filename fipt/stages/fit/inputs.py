@@ -17,6 +17,7 @@ class FitInputs:
     out: Annotated[Path, "File to write, model.safetensors; confidence.npz and settled.json come beside it."]
     previous: Annotated[Path | None, "Model of the round before, with confidence.npz beside it: where to start."] = None
     emitters: Annotated[Path | None, "What emits or may emit teaches no material; absent: a fitted mask tells."] = None
+    emitters_before: Annotated[Path | None, "What emitted in the round before; absent: it does not change."] = None
     cache: Annotated[Path | None, "Radiance cache; absent: unseen surface is left alone."] = None
     environment: EnvironmentFile = None
     settled: SettledFile = None

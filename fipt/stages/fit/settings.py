@@ -61,7 +61,8 @@ class FitSettings(NetworkSettings):
     )
     settled: Weight = Field(
         default=1.0,
-        description="from round 2: change of shading over its noise below which later rounds are copies; 0 = never",
+        description="from round 2: change of shading, and of the emitters' power, over the noise of shading, below "
+        "which later rounds are copies; 0 = never",
     )
     threads: Count = Field(default=0, description="CPU threads, 0 = all")
 

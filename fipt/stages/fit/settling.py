@@ -9,6 +9,7 @@ from fipt.errors import FiptError
 from fipt.formats.files import copy_file
 from fipt.formats.manifests import Stats
 from fipt.scene.change import read_change
+from fipt.scene.emitters import moved_power, read_emitters
 from fipt.scene.settled import SETTLED, RoundState, read_state, write_state
 from fipt.scene.voxels import facing_normals, read_cache
 from fipt.stages.fit.inputs import FitInputs
@@ -52,22 +53,26 @@ def judge_round(inputs: FitInputs, field: "Field", before: "Field | None", settl
     if found is None:
         write_state(inputs.out.with_name(SETTLED), RoundState(number))
         return {}
+    moved = _moved(inputs)
     # where nothing of a refinement was kept, the next one would be given the same
-    over = (found.change < settled * found.noise or (settled > 0 and found.kept == 1)) and number >= _FIRST
+    over = max(found.change, moved) < settled * found.noise or (settled > 0 and found.kept == 1)
+    over &= number >= _FIRST
     kd = None if before is None else _kd_change(inputs, field, before)
     end = number if over else None
     missing = float(found.light_missing)
-    state = RoundState(number, end, round(found.change, 5), round(found.noise, 5), kd, missing, found.kept)
+    change, noise, moved = (round(figure, 5) for figure in (found.change, found.noise, moved))
+    state = RoundState(number, end, change, noise, kd, missing, found.kept, moved)
     write_state(inputs.out.with_name(SETTLED), state)
     log.info(
-        "round %d: shading changed by %.1f %% (noise %.1f %%)%s: %s",
+        "round %d: shading changed by %.1f %% (noise %.1f %%), %.1f %% of the light moved%s: %s",
         number,
         100 * found.change,
         100 * found.noise,
+        100 * moved,
         "" if kd is None else f", kd by {kd:.3f}",
         _in_words(found.light_missing, over),
     )
-    figures = {"change": state.change, "noise": state.noise, "kept": state.kept, "settled": over}
+    figures = {"change": state.change, "noise": state.noise, "kept": state.kept, "moved": moved, "settled": over}
     return figures | ({} if kd is None else {"kd_change": kd})
 
 
@@ -77,6 +82,13 @@ def _in_words(light_missing: bool, over: bool) -> str:
         stays = "the shading of the round before stays, since the emitters that were found give too little light"
         return f"{stays}; later rounds are copies" if over else stays
     return "settled" if over else "not settled yet"
+
+
+def _moved(inputs: FitInputs) -> float:
+    """Share of the emitters' power that is not where it was in the round before, with which the shading was made."""
+    if inputs.emitters is None or inputs.emitters_before is None:
+        return 0.0
+    return moved_power(read_emitters(inputs.emitters), read_emitters(inputs.emitters_before))
 
 
 def _kd_change(inputs: FitInputs, field: "Field", before: "Field") -> float | None:

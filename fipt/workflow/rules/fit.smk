@@ -3,7 +3,7 @@
 INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, samples/{shard}.manifest.json, pictures, cache.npz, environment.npz,
          segments of the dataset, results/{scene}/segments/fused.manifest.json or round-{k}/segments.manifest.json
          from round 1: the model of the round before, whether the loop settled in it, the shading of round 0
-         round-{k}/emitters.npz where they are decided before the fit
+         round-{k}/emitters.npz where they are decided before the fit, and from round 1 those of the round before
 OUTPUTS: results/{scene}/round-{k}/model.safetensors    networks, scene box, settings, stage version
          results/{scene}/round-{k}/confidence.npz       predicted errors of the material, by voxel and facing
          results/{scene}/round-{k}/settled.json         what the round changed, and whether the loop has settled
@@ -31,6 +31,7 @@ rule fit:
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
         first_shading=first_shading,
         emitters=ask("emitters_of_fit"),
+        emitters_before=ask("emitters_before_fit"),
         confidence=previous("results/{scene}/round-{round}/confidence.npz"),
         settled=previous("results/{scene}/round-{round}/settled.json"),
     output:
@@ -56,13 +57,15 @@ rule fit:
         previous=option("--previous", "previous"),
         first_shading=folders_of("first_shading", "--first-shading"),
         emitters=option("--emitters", "emitters"),
+        emitters_before=option("--emitters-before", "emitters_before"),
         settled=option("--settled", "settled"),
         segments=folders_of("segments", "--segments"),
         settings=settings("fit"),
         version=VERSIONS["fit"],
     shell:
         "fipt fit --dataset {params.dataset:q} --samples {params.samples:q} --shading {params.shading:q}"
-        " {params.previous:q} {params.emitters:q} {params.settled:q} {params.first_shading:q}"
+        " {params.previous:q} {params.emitters:q} {params.emitters_before:q} {params.settled:q}"
+        " {params.first_shading:q}"
         " --cache {input.cache:q} --environment {input.environment:q}"
         " {params.segments:q} --out {output.model:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

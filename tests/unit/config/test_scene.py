@@ -287,19 +287,6 @@ def test_poses_are_checked_where_they_may_be_wrong():
     assert scene(check_poses={"enabled": True}).images_to_check() == scene().images(["all"])
 
 
-@pytest.mark.parametrize(
-    ("mesh", "said", "local"),
-    [
-        ({}, {}, True),
-        (OWN_MESH, {}, False),
-        (OWN_MESH, {"local_guess": True}, True),
-        (OWN_MESH | {"settings": SIZE | {"geometry": {"scan": "s.ply"}}}, {}, True),  # nothing of it is invented
-    ],
-)
-def test_lamps_that_light_little_are_not_guessed_in_a_mesh_of_the_photographs(mesh, said, local):
-    assert json.loads(scene(mesh, emitters=said).settings_json("emitters"))["local_guess"] is local
-
-
 def test_depth_sees_the_full_images_and_what_concerns_smaller_ones_alone_does_not_import_them_again():
     full, small = (
         scene(OWN_MESH | {"settings": {"import": own}}).answer("source.view_settings")
@@ -338,12 +325,15 @@ def test_emitters_of_rounds():
     assert room.last_emitters() == "results/room/round-3/emitters.npz"
     assert room.emitters_before("2") == "results/room/round-1/emitters.npz"
     assert room.emitters_of_fit("2") == ["results/room/round-2/emitters.npz"]
+    assert room.emitters_before_fit("2") == ["results/room/round-1/emitters.npz"]
+    assert room.emitters_before_fit("0") == []
     assert room.model_of_emitters("2") == []
     masked = scene(rounds=3, emitters={"decide": "mask"})
-    assert masked.emitters_of_fit("2") == []
+    assert masked.emitters_of_fit("2") == masked.emitters_before_fit("2") == []
     assert masked.model_of_emitters("2") == ["results/room/round-2/model.safetensors"]
     once = scene(rounds=3, emitters={"every_round": False})
     assert once.last_emitters() == once.emitters_before("2") == "results/room/round-0/emitters.npz"
+    assert once.emitters_before_fit("2") == once.emitters_of_fit("2")
 
 
 def test_an_export_is_checked_where_views_are_held_out(monkeypatch):

@@ -511,21 +511,6 @@ def test_what_is_enclosed_is_no_part_of_a_pane(guessing, floor_and_ceiling, monk
     np.testing.assert_array_equal(offered[0].piece, [0, -1])
 
 
-@pytest.mark.parametrize("local", [True, False])
-def test_in_a_mesh_of_photographs_nothing_asks_for_light_that_matters_in_one_place(
-    guessing, floor_and_ceiling, monkeypatch, local
-):
-    """The floor emits since it is too bright, which asks for light."""
-    asks, none = [], Guess(np.zeros((1, 3)), before=0.4)
-    guessing(none)
-    monkeypatch.setattr(unseen_guess, "explain", lambda *given: asks.append(given[3]) or none)
-    ones, floor = np.ones(2, np.float32), np.zeros(2, np.int32)
-    seems = Emitters.plain(floor_and_ceiling, np.arange(2), np.full((2, 3), 5.0, np.float32), floor)
-    extracted = Extracted(seems, Undecided(np.arange(2, dtype=np.int32), floor, *(ones[:1] for _ in range(3))))
-    unseen_guess.with_guess(floor_and_ceiling, [], extracted, {}, NOTHING, np.zeros(4, bool), local=local)
-    assert asks[0] is local
-
-
 def test_what_emits_is_measured_by_more_rays(backend, np_rng):
     """A panel of radiance 5 above a floor, half of it above a board, whose edge few rays tell."""
     panel, board = scenes.emitter_quad((-0.5, 0.5), 2.0, (-0.5, 0.5)), scenes.emitter_quad((-0.9, 0), 1.8, (-1, 1))

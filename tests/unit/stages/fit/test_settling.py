@@ -1,12 +1,15 @@
 """A loop that runs until it has settled: the figure, and rounds that are copies."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from fipt.scene.change import ShadingChange
+from fipt.scene.dataset import Dataset
+from fipt.scene.emitters import read_emitters, write_emitters
 from fipt.scene.settled import RoundState, read_state, write_state
 from fipt.stages.fit import settling
 from tests import scenes
@@ -15,12 +18,12 @@ from tests.fitted import FIT, SHADING, call
 FEW_STEPS = FIT | {"steps": 2}
 
 
-def later(work, monkeypatch, number, found):
+def later(work, monkeypatch, number, found, *more):
     """Fit round ``number`` of a loop whose shading changed so."""
     monkeypatch.setattr(settling, "read_change", lambda folders: found)
     folder = work / f"round-{number}"
     write_state(work / "before.json", RoundState(number - 1))
-    options = ("--previous", work / "round-0/model.safetensors", "--settled", work / "before.json")
+    options = ("--previous", work / "round-0/model.safetensors", "--settled", work / "before.json", *more)
     assert call("fit", work, *options, "--out", folder / "model.safetensors", settings=FEW_STEPS) == 0
     return read_state(folder / "settled.json")
 
@@ -38,8 +41,21 @@ def test_settled_where_noise_is_more_than_the_change(work, monkeypatch, capsys, 
     assert (state.change, state.noise, state.kept) == (change, 0.05, 0.3)
     assert state.kd_change > 0
     said = capsys.readouterr().err
-    assert f"round {number}: shading changed by {100 * change:.1f} % (noise 5.0 %), kd by" in said
+    assert f"round {number}: shading changed by {100 * change:.1f} % (noise 5.0 %), 0.0 % of the light" in said
     assert said.count("not settled yet") == (settled is None)
+
+
+@pytest.mark.parametrize(("factor", "moved", "settled"), [(1.02, 0.0196, 2), (1.25, 0.2, None)])
+def test_a_loop_whose_emitters_change_has_not_settled(work, monkeypatch, factor, moved, settled):
+    """The shading was made with those of the round before: what is found since lights nothing yet."""
+    before = work / "round-0" / "emitters.npz"
+    found = read_emitters(before)
+    brighter = replace(found, radiance=found.radiance * np.float32(factor))
+    write_emitters(work / "now" / "emitters.npz", brighter, Dataset(work / "dataset").mesh())
+    more = ("--emitters", work / "now" / "emitters.npz", "--emitters-before", before)
+    state = later(work, monkeypatch, 2, ShadingChange(0.04, 0.05, 0.3), *more)
+    assert state.moved == pytest.approx(moved, abs=1e-3)
+    assert state.settled == settled
 
 
 def test_a_round_that_found_light_missing_does_not_call_itself_settled(work, monkeypatch, capsys):
