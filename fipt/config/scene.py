@@ -266,8 +266,9 @@ class SceneConfig:
     def brackets(self, shard: str) -> list[str]:
         """The photographs of a shard; of a simulated camera all, since it is their table that tells brackets apart."""
         assert self.source.photographs is not None
-        own = self.source.photographs.of(self.views.shards("all")[shard], shard)
-        return self.calibration_files() if self.source.simulated else own
+        if self.source.simulated:
+            return self.calibration_files()
+        return self.source.photographs.of(self.views.shards("all")[shard], shard)
 
     def simulated_frames(self) -> list[str]:
         """Manifests of what a simulated camera took; true photographs are no files of ours."""
