@@ -62,7 +62,7 @@ SECTIONS: dict[str, Section] = {
     "olat": Section("fipt.stages.render.settings:OlatSettings", 4),
     "export": Section("fipt.stages.export.settings:ExportSettings", 7),
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 9),
-    "findings": Section("fipt.stages.findings.settings:FindingsSettings", 8),
+    "findings": Section("fipt.stages.findings.settings:FindingsSettings", 9),
     "report": Section("fipt.stages.report.settings:ReportSettings", 7),
     "compare": Section("fipt.stages.compare.settings:CompareSettings", 2),
     "compare_page": Section("fipt.stages.report.settings:ComparePageSettings", 2),

@@ -174,7 +174,10 @@ def _with_wholes(mesh: Mesh, shared: _Shared, number: np.ndarray, found: np.ndar
     lost[cell[np.bincount(place.reshape(-1), shared.share, len(cell)) > _FEW] % max(count, 1)] = False
     faces = np.unique(np.stack([whole[chosen], number[chosen]]), axis=1)[0]
     lost &= np.bincount(faces, minlength=count) > 1
-    return np.where(chosen & lost[whole], int(number.max(initial=-1)) + 1 + whole, number)
+    named = np.where(lost[whole], int(number.max(initial=-1)) + 1 + whole, number)[chosen]
+    result = np.full(len(chosen), -1, np.int64)
+    result[chosen] = np.unique(named, return_inverse=True)[1].reshape(-1)  # no gaps: each number costs time
+    return result
 
 
 def _candidates(

@@ -45,7 +45,8 @@ def judge_round(inputs: FitInputs, field: "Field", before: "Field | None", settl
     field, before
         The model, and the one before it.
     settled
-        Change of shading over its noise below which the loop has settled; 0: never.
+        Change of shading, and share of the emitters' power that moved, over the noise of shading, below which the loop
+        has settled; 0: never.
     """
     last = read_state(inputs.settled)
     number = 0 if inputs.previous is None else 1 if last is None else last.round + 1

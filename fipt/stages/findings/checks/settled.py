@@ -41,6 +41,11 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
         return missing
     if room.earlier is None or any(state.settled is not None for state in room.rounds[-1:]):
         return []
+    return [*_emitters_change(room, notes), *_not_settled(room, notes)]
+
+
+def _not_settled(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
+    """Tell that light still changed from round to round."""
     place, change = changes(room)
     if not len(change):
         return []
@@ -65,6 +70,25 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             image=plan(room.mesh, cameras, room.fitted.emitters, [], (place, change, "log change")),
         )
     ]
+
+
+def _emitters_change(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
+    """Tell emitters of the last round that light no surface in its fit."""
+    moved = max((state.moved for state in room.rounds[-1:]), default=0.0)
+    measure = Measure("power of the emitters that is not where it was in the round before", moved, TOLERANCE)
+    level = notes.judge("emitters-change", measure)
+    if level is None:
+        return []
+    finding = RoomFinding(
+        "emitters-change",
+        level,
+        f"The emitters had not settled: {100 * moved:.0f} % of their power is not where it was in the round before, "
+        "and base colours were fitted with the light of that.",
+        measure,
+        "Accept or reject emitters that come and go (emitters_review.yaml), photograph them, or run more rounds.",
+        image=plan(room.mesh, [each.camera for each in room.retakes], room.fitted.emitters, []),
+    )
+    return [finding]
 
 
 def _light_missing(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:

@@ -109,6 +109,21 @@ def box():
     return scenes.joined(ceiling, bottom, side)
 
 
+def test_candidates_that_are_joined_are_numbered_without_gaps(box):
+    """Bottom (2, 3) and side (4, 5) touch; 6 and 7 stand alone, and so does what is found (8, 9)."""
+    apart = [scenes.quad((x, 0, 0), (0.05, 0, 0), (0, 0, 0.05)) for x in (5, 6)]
+    mesh = scenes.joined(box, *apart)
+    number = np.array([-1, -1, 0, 0, 1, 1, 2, 2, 3, 3])
+    none = np.zeros(0, np.int64)
+    shared = small._Shared(*[none] * 5, *[np.zeros(0)] * 2, np.zeros((0, 3)), np.zeros(0, bool))
+    wholes = small._with_wholes(mesh, shared, number, np.arange(10) >= 8)
+    np.testing.assert_array_equal(wholes, [-1, -1, 2, 2, 2, 2, 0, 0, 1, 1])
+    kept = small._with_wholes(mesh, shared, number, np.arange(10) >= 5)
+    np.testing.assert_array_equal(kept, number)
+    nothing = np.full(10, -1)
+    np.testing.assert_array_equal(small._with_wholes(mesh, shared, nothing, nothing >= 0), nothing)
+
+
 def bulb_shards(rng, pixels):
     """Views of a ceiling (triangles 0, 1) and of a bulb of twelve triangles, of which each of ``pixels`` shows a few.
 

@@ -430,6 +430,14 @@ def test_rounds_that_found_light_missing():
     assert told(settled.check, **_rounds(0.0), rounds=(RoundState(2, 2, 0.01, 0.1, 0.0),)) == {}
 
 
+@pytest.mark.parametrize(("moved", "expected"), [(0.05, False), (0.2, True)])
+def test_emitters_that_change_in_the_last_round(moved, expected):
+    last = RoundState(2, None, 0.02, 0.05, 0.0, moved=moved)
+    assert ("emitters-change" in told(settled.check, **_rounds(0.0), rounds=(last,))) == expected
+    over = replace(last, settled=2)
+    assert told(settled.check, **_rounds(0.0), rounds=(over,)) == {}
+
+
 def test_rounds_that_settled_or_go_on_slowly():
     settled_in_2 = RoundState(2, 2, 0.3, 0.1, 0.1)
     assert told(settled.check, **_rounds(0.3), rounds=(settled_in_2,)) == {}
