@@ -37,7 +37,7 @@ SECTIONS: dict[str, Section] = {
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 6),
     "import": Section("fipt.stages.importing.settings:ImportSettings", 11),
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 6),
-    "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 15),
+    "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 16),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 6),
     "plant_errors": Section("fipt.stages.plant_errors.settings:PlantErrorsSettings", 3),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 4),

@@ -36,7 +36,8 @@ def fused(
 
     A voxel's distance is that to the tangent plane of the pixel that it falls into: so a slanted surface is as sharp as
     one that faces the camera. Where views that see through a voxel outweigh those that see surface in it, it is free;
-    elsewhere they do not move the surface.
+    elsewhere they do not move the surface. Behind its surface a view sees nothing: there its word counts less,
+    down to nothing at the truncation.
 
     Parameters
     ----------
@@ -124,7 +125,7 @@ def _voted(
     ``maps`` holds the camera, depth, normals, confidence and what carves, of each view.
     """
     total = np.zeros((len(base), len(within)), np.float32)
-    heavy, free = np.zeros_like(total), np.zeros_like(total)
+    heavy, full, free = np.zeros_like(total), np.zeros_like(total), np.zeros_like(total)
     for camera, depth, normal, confidence, carves in maps:
         images = depth, camera.inner(normal), confidence, carves
         seen = camera.blocks(base + 0.5 * BLOCK * voxel, BLOCK * voxel, depth.shape, float(depth.max()))
@@ -132,8 +133,9 @@ def _voted(
             add = camera.distances(base[part], within, *images, voxel, noise)
             total[part] += add[0]
             heavy[part] += add[1]
-            free[part] += add[2]
-    empty = free > heavy
+            full[part] += add[2]
+            free[part] += add[3]
+    empty = free > full
     total[empty] = heavy[empty] = 1.0
     known = heavy > 0
     return np.divide(total, heavy, out=total, where=known), known
@@ -199,11 +201,11 @@ class _Camera:
         carves: np.ndarray,
         voxel: float,
         noise: float,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Weighted distances in truncations, their weights, and those of what sees through the voxels of blocks.
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Weighted distances in truncations, their weights, and those of what says that voxels are full, and empty.
 
-        (B, K) float32 each. The (H, W, 3) normals are in image axes. Noise is that of depth at the voxel: how far
-        behind it a ray ends says nothing of whether it passed.
+        (B, K) float32 each, of the voxels of blocks. The (H, W, 3) normals are in image axes. Noise is that of depth at
+        the voxel: how far behind it a ray ends says nothing of whether it passed.
         """
         most = TRUNCATION * voxel
         local = ((base - self.center) @ self.rotation)[:, None] + (within @ self.rotation)[None]
@@ -232,7 +234,8 @@ class _Camera:
         # a voxel rounds what falls into it; the rest is the noise of the depth
         weight = certain * voxel**2 / ((noise * z * z) ** 2 + np.float32(voxel / 4) ** 2)
         seen = np.where(near, weight, 0)
-        return seen * np.where(near, signed, 0), seen, np.where(through, weight, 0)
+        full = seen * np.clip(1 + straight / np.float32(most), 0, 1)  # what lies behind its surface a view does not see
+        return seen * np.where(near, signed, 0), seen, full, np.where(through, weight, 0)
 
 
 def _ordered(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:

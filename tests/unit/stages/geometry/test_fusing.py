@@ -99,6 +99,32 @@ def test_a_view_that_sees_through_a_wall_by_mistake_does_not_move_it():
     assert off_the_walls(mesh)[near].max() < 0.003
 
 
+def over_a_table(name: str, center: tuple[float, float, float], turn: float, confidence: float) -> DepthView:
+    """A view of the cube with a square board of 1 m in it, 0.6 m below its middle; y points up."""
+    view = view_of_cube(name, center, turn)
+    with np.errstate(divide="ignore"):
+        depth = np.where(view.rays[..., 1] < 0, (-0.6 - center[1]) / view.rays[..., 1], np.inf)
+    place = view.camera.center + view.rays * np.minimum(depth, 1e3)[..., None]
+    board = (np.abs(place[..., ::2]) < 0.5).all(axis=-1) & (depth < view.map.depth)
+    return view.with_map(
+        DepthMap(
+            np.where(board, depth, view.map.depth).astype(np.float32),
+            np.full_like(view.map.confidence, confidence),
+            np.where(board[..., None], [0.0, 1.0, 0.0], view.map.normal).astype(np.float32),
+        )
+    )
+
+
+@pytest.mark.usefixtures("open3d")
+def test_a_table_ends_where_views_see_past_it_however_certain_those_are_that_look_over_it():
+    views = [over_a_table(f"over{i}", (0.1 * i, 0.1, 1.3), 0.0, 8.0) for i in range(3)]
+    views += [over_a_table(f"past{i}", (-1.2, -0.3, -0.6 - 0.1 * i), -np.pi / 2, 1.0) for i in range(6)]
+    mesh = fuse(views, [view.map.known for view in views], 1e-3, 0.05)
+    near = mesh.vertices[(np.abs(mesh.vertices[:, :2] - [0.0, -0.6]) < [0.4, 0.2]).all(axis=1)]
+    assert (np.abs(near[:, 2]) < 0.4).sum() > 100
+    assert not (np.abs(near[:, 2] + 0.85) < 0.2).any()
+
+
 @pytest.mark.usefixtures("open3d")
 def test_a_view_close_by_knows_what_is_free_better_than_what_lies_far_behind():
     far, close = view_of_cube("far", (0.0, 0.0, 1.3), 0.0), view_of_cube("close", (0.0, 0.0, 0.9), 0.0)
