@@ -35,6 +35,12 @@ from fipt.render.scene import RayScene, lanes, vectors
 from fipt.render.spots import Spot
 from fipt.render.surface import SurfaceCache, Triangles
 
+_ROULETTE = 6
+"""Bounces after which paths that carry little end by chance (Arvo and Kirk 1990): in a white room a twentieth of the
+light has bounced more often, and no picture needs all of these paths."""
+_MOST_SURVIVE = 0.95
+"""Of those paths, at each bounce."""
+
 
 @dataclass(frozen=True)
 class PathSettings:
@@ -225,6 +231,8 @@ class Shader:
                 wi = dr.select(at_x, wi, self._next_direction(rng, v))
                 f, p = v.evaluate(wi)
                 β = dr.select(at_x, 1.0, β * dr.select(p > 0, f / p, 0))
+                if dr.hint(self.path.max_depth > _ROULETTE, mode="scalar"):
+                    β = self._survivors(rng, β, depth)
             wi_x = dr.select(at_x, wi, wi_x)
 
             # ---------------- what lies there: emission, cache, environment ----------------
@@ -322,6 +330,12 @@ class Shader:
         f, p = v.evaluate(wi)
         mis = dr.square(p_sun) / (dr.square(p_sun) + dr.square(p))
         return dr.select(visible & ~at_x, β * f * Le * (mis / p_sun), 0)
+
+    @staticmethod
+    def _survivors(rng: "mi.PCG32", β: "mi.Color3f", depth: "mi.UInt32") -> "mi.Color3f":
+        """Throughput of long paths of which dim ones end by chance, the others being as much brighter."""
+        chance = dr.select(depth >= _ROULETTE, dr.minimum(dr.max(β), _MOST_SURVIVE), 1)
+        return dr.select(rng.next_float32() < chance, β / chance, 0)
 
     @staticmethod
     def _next_direction(rng: "mi.PCG32", v: Vertex) -> "mi.Vector3f":

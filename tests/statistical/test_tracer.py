@@ -441,7 +441,7 @@ def combined(shading, surface):
     return result
 
 
-@pytest.mark.parametrize("depth", [1, 2, 8])
+@pytest.mark.parametrize("depth", [1, 2, 32])
 @pytest.mark.parametrize(
     "surface",
     [(scenes.DIFFUSE, scenes.GLOSSY), (scenes.METAL, replace(scenes.DIFFUSE, base_color=(0.2, 0.8, 0.8)))],
@@ -454,6 +454,23 @@ def test_radiance_is_that_of_mitsuba(backend, room, surface, depth):
     for ours, theirs in zip(got, expected, strict=True):
         assert theirs.mean() > 0.005
         assert assert_same_mean(ours, theirs).max() < 0.05
+
+
+def test_long_paths_that_end_by_chance_lose_no_light(backend, monkeypatch):
+    from fipt.render import tracer
+
+    white = replace(scenes.DIFFUSE, base_color=(0.9, 0.9, 0.9))
+    lit = scenes.Lit(scenes.box((-1, -1, -1), (1, 1, 1)), np.arange(2), np.ones((2, 3), np.float32))
+    at = copies((0.2, -1, 0.3), UP, slanted(0.7), 20_000)
+
+    def shaded(depth, roulette):
+        monkeypatch.setattr(tracer, "_ROULETTE", roulette)
+        return shader(lit, depth=depth, surface=(white, white)).shade(at, [0.5], [4, 4])
+
+    by_chance, every = shaded(32, tracer._ROULETTE), shaded(32, 32)
+    assert assert_same_mean(by_chance, every).max() < 0.02
+    assert (by_chance != every).any()
+    assert shaded(6, 32)[:, 0].mean() < 0.9 * every[:, 0].mean()
 
 
 @pytest.mark.parametrize("depth", [1, 4])

@@ -151,6 +151,7 @@ def _guessed(
     """Emitters with what no view shows, warnings and figures about it."""
     import numpy as np
 
+    from fipt.scene.change import read_change
     from fipt.scene.emitters import read_emitters
     from fipt.scene.environment import read_environment
     from fipt.scene.review import numbers
@@ -168,7 +169,9 @@ def _guessed(
         last = read_emitters(inputs.previous, mesh)
         own = last.guessed & ~copied(mesh, last)  # copies of lamps are guessed anew, and ask for nothing
         before[last.triangle[own]] = last.emitter[own]
-    guessed = with_guess(mesh, shards, extracted, read_cache(inputs.cache), outside, rejected, before)
+    change = read_change(inputs.shading)
+    asked = change is not None and change.light_missing
+    guessed = with_guess(mesh, shards, extracted, read_cache(inputs.cache), outside, rejected, before, asked)
     return guessed.emitters, guessed.warnings, dict(guessed.figures)
 
 

@@ -110,6 +110,7 @@ def with_guess(
     environment: EnvironmentMap,
     rejected: np.ndarray,
     before: np.ndarray | None = None,
+    asked: bool = False,
 ) -> Guessed:
     """Add the emission of unseen surface that explains the photographs, where seen light does not.
 
@@ -128,12 +129,13 @@ def with_guess(
     rejected
         (T,) bool: triangles that a person said not to emit.
     before
-        (T,) int64 number of the emitter that was guessed in the round before, -1 elsewhere; None: nothing was. It is
-        offered as it is, too, need not be chosen from all that is hidden again, and stays unless another gains more.
+        (T,) int64 emitter that was guessed in the round before, -1 for none. It stays unless another guess gains more.
+    asked
+        Whether the refinement found that the emitters give too little light.
     """
     before = np.full(len(rejected), -1) if before is None else np.where(rejected, -1, before)
     trial = partial(_trial, mesh, shards, cache=cache, environment=environment, rejected=rejected, before=before)
-    judged = _judged(trial, shards, extracted, len(mesh.triangles), bool((before >= 0).any()))
+    judged = _judged(trial, shards, extracted, len(mesh.triangles), asked or bool((before >= 0).any()))
     found, tried, missing = judged.emitters, judged.trial, _missing(mesh, judged.darkened)
     if tried is None:
         return Guessed(found, missing, {"guess": {"tried": False}})  # nothing asks for it, or too little is seen

@@ -27,5 +27,5 @@ class ExportSettings(Settings):
     )
     check_views: Positive = Field(default=2, description="held-out views that the check renders from every format")
     check_spp: Positive = Field(default=256, description="paths per pixel of these")
-    max_depth: Positive = Field(default=7, description="longest path of the Mitsuba scenes and of the check, bounces")
+    max_depth: Positive = Field(default=32, description="longest path of the Mitsuba scenes and of the check, bounces")
     seed: Count = Field(default=0, description="seed of the check's random numbers")

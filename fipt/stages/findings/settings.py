@@ -11,7 +11,7 @@ class FindingsSettings(Settings):
     views: Positive = Field(default=16, description="training views that are rendered again, spread over their list")
     width: int = Field(default=56, ge=16, description="of these images, pixels: photographs are reduced to it")
     spp: Positive = Field(default=32, description="paths per pixel of these images")
-    max_depth: Positive = Field(default=10, description="longest path, bounces")
+    max_depth: Positive = Field(default=32, description="longest path, bounces")
     pixels: int = Field(
         default=100_000, ge=1000, description="training pixels compared with what the fit says of them, about"
     )

@@ -55,9 +55,9 @@ def judge_round(inputs: FitInputs, field: "Field", before: "Field | None", settl
         write_state(inputs.out.with_name(SETTLED), RoundState(number))
         return {}
     moved = _moved(inputs)
-    # where nothing of a refinement was kept, the next one would be given the same
-    over = max(found.change, moved) < settled * found.noise or (settled > 0 and found.kept == 1)
-    over &= number >= _FIRST
+    # where nothing of a refinement was kept, the next one would be given the same, unless the emitters change
+    change = 0.0 if found.kept == 1 else found.change
+    over = max(change, moved) < settled * found.noise and number >= _FIRST
     kd = None if before is None else _kd_change(inputs, field, before)
     end = number if over else None
     missing = float(found.light_missing)

@@ -17,7 +17,7 @@ class RenderSettings(Settings):
     """Held-out views, path traced with the model."""
 
     spp: Positive = Field(default=128, description="paths per pixel, spread over its rays; two a ray at least")
-    max_depth: Positive = Field(default=6, description="longest path, bounces")
+    max_depth: Positive = Field(default=32, description="longest path, bounces")
     denoise: bool = Field(default=True, description="denoise the rendered views")
     seed: Count = Field(default=0, description="seed of the random numbers")
 
@@ -29,7 +29,7 @@ class RelightSettings(Settings):
 
     split: Literal["train", "val", "all"] = Field(default="val", description="views to relight")
     spp: Positive = Field(default=128, description="paths per pixel, spread over its rays; two a ray at least")
-    max_depth: Positive = Field(default=8, description="longest path, bounces")
+    max_depth: Positive = Field(default=32, description="longest path, bounces")
     denoise: bool = Field(default=True, description="denoise the rendered views")
     seed: Count = Field(default=0, description="seed of the random numbers")
 
@@ -58,6 +58,6 @@ class OlatSettings(Settings):
     spp: Positive = Field(
         default=256, description="paths per pixel and light, spread over its rays; two a ray at least"
     )
-    max_depth: Positive = Field(default=8, description="longest path, bounces")
+    max_depth: Positive = Field(default=32, description="longest path, bounces")
     denoise: bool = Field(default=True, description="denoise the rendered views")
     seed: Count = Field(default=0, description="seed of the random numbers")

@@ -4,14 +4,17 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.ndimage import binary_dilation, binary_erosion
 
 from fipt.formats.exr import read_rgb
+from fipt.scene.change import ShadingChange
 from fipt.scene.dataset import Dataset, read_layers
 from fipt.scene.emitters import Undecided, read_emitters, write_emitters
 from fipt.scene.review import ranges, read_review
 from fipt.scene.shading import read_shading
 from fipt.stages.emitters import stage as emitters_stage
+from fipt.stages.emitters import unseen_guess
 from tests import scenes
 from tests.fitted import call
 
@@ -117,6 +120,17 @@ def test_names_reach_setup_and_list(work, refused):
     assert f"of a mesh of 3; the mesh has {triangles}" in refused("review", "--decisions", wrong)
     (work / "emitters_review.yaml").write_text("emitters: [")
     assert "emitters_review.yaml is not YAML" in refused("review")
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_a_refinement_that_finds_light_missing_asks_for_a_guess(work, monkeypatch, missing):
+    told = []
+    change = ShadingChange(0.5, 0.05, 0.0, missing)
+    monkeypatch.setattr("fipt.scene.change.read_change", lambda folders: change)
+    guess = unseen_guess.with_guess
+    monkeypatch.setattr(unseen_guess, "with_guess", lambda *args: told.append(args[-1]) or guess(*args))
+    assert call("emitters", work, "--cache", work / "cache.npz") == 0
+    assert told == [missing]
 
 
 def test_no_emitter_is_no_error(work, capsys):

@@ -311,6 +311,7 @@ def guessing(monkeypatch, floor_and_ceiling):
         is_explained: bool = False,
         extracted: Extracted | None = None,
         radiance: float = 5.0,
+        asked: bool = False,
     ):
         blocks = SimpleNamespace(radiance=np.full((50, 3), radiance), triangle=np.arange(50) % 2, brightest=radiance)
         number = np.full(len(floor_and_ceiling.triangles), -1)
@@ -334,7 +335,7 @@ def guessing(monkeypatch, floor_and_ceiling):
         monkeypatch.setattr(unseen_guess, "_measured", lambda trial, *_: trial)
         rejected = np.zeros(len(number), bool)
         extracted = extracted or Extracted(Emitters.none(), Undecided.none())
-        return unseen_guess.with_guess(floor_and_ceiling, [], extracted, {}, NOTHING, rejected)
+        return unseen_guess.with_guess(floor_and_ceiling, [], extracted, {}, NOTHING, rejected, asked=asked)
 
     return run
 
@@ -366,9 +367,12 @@ def test_what_is_not_determined_is_said(guessing):
 
 
 def test_a_room_that_seen_light_explains_is_left_alone(guessing):
-    told = guessing(Guess(np.ones((1, 3)), determined=True), is_explained=True)
+    guess = Guess(np.ones((1, 3)), determined=True)
+    told = guessing(guess, is_explained=True)
     assert len(told.emitters.triangle) == 0
     assert told.warnings == ()
+    # its reflectances alone may hide what paths from its emitters lack
+    assert guessing(guess, is_explained=True, asked=True).emitters.guessed.all()
 
 
 def test_measured_emitters_are_not_guessed():

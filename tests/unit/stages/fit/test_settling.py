@@ -45,15 +45,16 @@ def test_settled_where_noise_is_more_than_the_change(work, monkeypatch, capsys, 
     assert said.count("not settled yet") == (settled is None)
 
 
+@pytest.mark.parametrize("found", [ShadingChange(0.04, 0.05, 0.3), ShadingChange(0.9, 0.05, 1.0, light_missing=True)])
 @pytest.mark.parametrize(("factor", "moved", "settled"), [(1.02, 0.0196, 2), (1.25, 0.2, None)])
-def test_a_loop_whose_emitters_change_has_not_settled(work, monkeypatch, factor, moved, settled):
+def test_a_loop_whose_emitters_change_has_not_settled(work, monkeypatch, factor, moved, settled, found):
     """The shading was made with those of the round before: what is found since lights nothing yet."""
     before = work / "round-0" / "emitters.npz"
-    found = read_emitters(before)
-    brighter = replace(found, radiance=found.radiance * np.float32(factor))
+    lamp = read_emitters(before)
+    brighter = replace(lamp, radiance=lamp.radiance * np.float32(factor))
     write_emitters(work / "now" / "emitters.npz", brighter, Dataset(work / "dataset").mesh())
     more = ("--emitters", work / "now" / "emitters.npz", "--emitters-before", before)
-    state = later(work, monkeypatch, 2, ShadingChange(0.04, 0.05, 0.3), *more)
+    state = later(work, monkeypatch, 2, found, *more)
     assert state.moved == pytest.approx(moved, abs=1e-3)
     assert state.settled == settled
 
