@@ -163,6 +163,7 @@ class Shader:
         self._samples_emitters = path is not None and triangles.has_emitters
         self._emitters_at_x = path is not None and path.light_at_first and triangles.has_emitters
         self._samples_sun = sky is not None and sky.suns > 0
+        self._some_end_by_chance = path is not None and path.max_depth > _ROULETTE
 
     def shade(
         self, points: Points, levels: Sequence[float | np.ndarray], counts: Sequence[int], per_sample: int = 1
@@ -231,7 +232,7 @@ class Shader:
                 wi = dr.select(at_x, wi, self._next_direction(rng, v))
                 f, p = v.evaluate(wi)
                 β = dr.select(at_x, 1.0, β * dr.select(p > 0, f / p, 0))
-                if dr.hint(self.path.max_depth > _ROULETTE, mode="scalar"):
+                if dr.hint(self._some_end_by_chance, mode="scalar"):
                     β = self._survivors(rng, β, depth)
             wi_x = dr.select(at_x, wi, wi_x)
 
