@@ -37,6 +37,7 @@ from fipt.scene.voxels import read_cache
 from fipt.stages.evaluate.metrics import psnr
 from fipt.synthetic.dataset import built
 from fipt.synthetic.room import SyntheticRoom
+from fipt.synthetic.settings import SynthesizeSettings
 from fipt.synthetic.views import Truth
 
 
@@ -59,7 +60,7 @@ def light_of(room: SyntheticRoom, voxels: dict, known: list[tuple[np.ndarray, Br
     lit = EmitterSet(lamps, room.radiance[lamps], np.full(len(lamps), FRONT, np.int8))
     nothing = np.zeros((len(voxels["key"]), 3), np.float32)
     surface = SurfaceCache(voxels, nothing, np.zeros(len(nothing), bool), materials)
-    path = PathSettings(10, cache_roughness=1.0, light_at_first=True)
+    path = PathSettings(SynthesizeSettings().max_depth, cache_roughness=1.0, light_at_first=True)
     shader = Shader(RayScene(room.mesh), Triangles(room.mesh, lit), surface, path, sky_of(room.outside))
     return LitRoom(room.mesh, lit, room.outside, shader)
 

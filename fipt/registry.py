@@ -46,7 +46,7 @@ SECTIONS: dict[str, Section] = {
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 5),
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 7),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 6),
-    "refine": Section("fipt.stages.shade.settings:RefineSettings", 10),
+    "refine": Section("fipt.stages.shade.settings:RefineSettings", 11),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 35),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 19),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 23),

@@ -22,7 +22,7 @@ def load() -> dict:
     bpy.ops.import_scene.gltf(filepath=str(FOLDER / "scene.glb"))
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
-    # seven surfaces on a path, as in the Mitsuba files of fipt's defaults; Cycles does not count the first
+    # 32 surfaces on a path, as in the Mitsuba files of fipt's defaults; Cycles does not count the first
     scene.cycles.max_bounces = scene.cycles.diffuse_bounces = scene.cycles.glossy_bounces = 31
     scene.cycles.sample_clamp_indirect = 0
     scene.cycles.pixel_filter_type = "BOX"  # a pixel is the mean over its area

@@ -82,9 +82,10 @@ def _refined(inputs: RefineInputs, settings: "RefineSettings", state: "RoundStat
     path = PathSettings(settings.max_depth, settings.cache_roughness, settings.light_sampling)
     kept = 0.0 if state is None else state.kept
     before = joined_shading(inputs.previous, shard, kept, on_disk(inputs.out.parent))
-    # round 0 knew nothing of light that no view shows: neither its shading nor its materials are to be kept
+    # the shading before knew nothing of light that no view shows: neither it nor its materials are to be kept
     baked = manifest_stage(manifest_beside(inputs.previous)) == "bake"
-    anew = baked and bool(room.emitters.guessed.any())
+    lacked = state is not None and state.light_missing > 0 and state.moved > 0
+    anew = (baked or lacked) and bool(room.emitters.guessed.any())
     shader, damping = fitted_shader(room, path, filled=anew), 0.0 if anew else settings.damping
     number = 1 if state is None else state.round + 1
     own = settings.model_copy(update={"seed": settings.seed + number})

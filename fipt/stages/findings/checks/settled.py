@@ -38,7 +38,7 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     """Tell rounds that found light missing, or had not settled."""
     missing = _light_missing(room, notes)
     if missing:
-        return missing
+        return [*missing, *_emitters_change(room, notes)]
     if room.earlier is None or any(state.settled is not None for state in room.rounds[-1:]):
         return []
     return [*_emitters_change(room, notes), *_not_settled(room, notes)]

@@ -428,6 +428,8 @@ def test_rounds_that_found_light_missing():
     assert found.severity == "serious"
     assert "100 % of the shading" in found.cause
     assert told(settled.check, **_rounds(0.0), rounds=(RoundState(2, 2, 0.01, 0.1, 0.0),)) == {}
+    guessed = RoundState(1, None, 0.9, 0.1, 0.0, light_missing=1.0, kept=1.0, moved=0.6)
+    assert set(told(settled.check, **_rounds(0.0), rounds=(guessed,))) == {"light-missing", "emitters-change"}
 
 
 @pytest.mark.parametrize(("moved", "expected"), [(0.05, False), (0.2, True)])

@@ -1,18 +1,22 @@
 """``fipt bake`` and ``fipt refine``."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.formats import files
 from fipt.formats.arrays import load_npz, save_npy
 from fipt.scene.change import read_change
 from fipt.scene.dataset import Dataset
+from fipt.scene.emitters import read_emitters, write_emitters
 from fipt.scene.samples import read_samples
 from fipt.scene.settled import RoundState, write_state
 from fipt.scene.shading import read_shading
+from fipt.stages.shade import refine
 from tests.fitted import call
 
 
@@ -49,6 +53,24 @@ def test_every_round_has_random_numbers_of_its_own(work):
         assert call("refine", work, "--settled", work / "settled.json", "--out", work / f"after-{number}") == 0
     first, second = (read_shading(work / f"after-{number}")[:] for number in (1, 2))
     assert np.any(first != second)
+
+
+@pytest.mark.parametrize(("moved", "anew"), [(0.5, True), (0.0, False)])
+def test_a_guess_after_a_round_without_light_begins_anew(work, monkeypatch, moved, anew):
+    """Its shading and materials are those of the cache's light."""
+    found = read_emitters(work / "round-0" / "emitters.npz")
+    guess = replace(found, guessed=np.ones(len(found.triangle), bool))
+    write_emitters(work / "guess" / "emitters.npz", guess, Dataset(work / "dataset").mesh())
+    write_state(work / "settled.json", RoundState(1, light_missing=1.0, kept=1.0, moved=moved))
+    told, make = [], refine.fitted_shader
+    monkeypatch.setattr(
+        refine, "fitted_shader", lambda *room, filled: told.append(filled) or make(*room, filled=filled)
+    )
+    before = work / "round-1" / "shading" / "train-000"
+    options = ("--previous", before, "--settled", work / "settled.json", "--emitters", work / "guess" / "emitters.npz")
+    assert call("refine", work, *options, "--out", work / "after") == 0
+    assert told == [anew]
+    assert (read_change([work / "after"]).kept == 0) == anew
 
 
 def test_shading_of_other_samples(work, refused):
