@@ -13,8 +13,9 @@ TRUNCATION = 4.0
 """Largest distance that the field holds, voxels: some deviations of the depth where a voxel is as large as a pixel."""
 _CHUNK = 2_000
 """Blocks that a view is added to at once: a million voxels."""
-_PROJECTED = 130
-"""Bytes of memory that a voxel takes while a view is added to it, as measured: places, pixels and distances."""
+_PROJECTED = 142
+"""Bytes of memory that a voxel takes while a view is added to it: places, pixels and distances, 130 as measured; and
+the vote that it is full."""
 _VOXEL_BYTES = 64
 """Bytes that any voxel takes: sum and weights, field and weight of the grid, and what its isosurface needs."""
 _PIXEL_BYTES = 220
