@@ -27,8 +27,6 @@ QUERY_CHUNK = 1 << 14
 
 _ON_ONE_THREAD = 1 << 12
 """Points whose outputs torch works on with one thread (fewer than its GRAIN_SIZE of 32,768 numbers)."""
-_NARROW = 16
-"""Outputs of a layer up to which its weight's gradient is summed in parts."""
 _PART = 512
 """Points whose share of a gradient one thread sums."""
 _FINEST_CELLS = 64
@@ -82,15 +80,12 @@ class SceneBox:
 class _Linear(nn.Linear):
     """A linear layer whose first weights `linear` draws, from a generator of its own.
 
-    torch's `skip_init` would do as well, but imports sympy for it: most of a second at the start of every stage.
+    torch's `skip_init` would do as well, but imports sympy for it: most of a second at the start of every stage. Its
+    gradients are the same to the bit with any number of threads.
     """
 
     def reset_parameters(self) -> None:
         """Draw nothing."""
-
-
-class _NarrowLinear(_Linear):
-    """A linear layer of few outputs, whose gradients are the same to the bit with any number of threads."""
 
     def forward(self, input: torch.Tensor) -> torch.Tensor:
         """Map (N, inputs) to (N, outputs)."""
@@ -100,7 +95,7 @@ class _NarrowLinear(_Linear):
 class _Product(torch.autograd.Function):
     """The product of a linear layer.
 
-    The gradient of a weight of few outputs is a small matrix of long sums. A matrix library divides these sums among
+    The gradient of a weight is a small matrix of long sums. On some processors a matrix library divides these sums among
     its threads: the order of additions then depends on their number. Here the parts are fixed; one thread sums each.
     """
 
@@ -426,7 +421,7 @@ def _chunked(ask: Callable[[slice], None], count: int, chunk: int) -> None:
 
 def linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
     """Linear layer with torch's usual initial weights, but from a generator of our own."""
-    layer = (_NarrowLinear if outputs <= _NARROW else _Linear)(inputs, outputs)
+    layer = _Linear(inputs, outputs)
     bound = 1 / math.sqrt(inputs)
     with torch.no_grad():
         layer.weight.uniform_(-bound, bound, generator=generator)
