@@ -123,7 +123,7 @@ class SynthesizeSettings(Settings):
     height: Positive = Field(default=120, description="image height, pixels")
     fov: float = Field(default=70.0, gt=5, lt=150, description="horizontal field of view, degrees")
     spp: Positive = Field(default=256, description="paths per pixel of the rendered views, best a square number")
-    max_depth: Positive = Field(default=10, description="longest path, bounces")
+    max_depth: Positive = Field(default=32, description="longest path, bounces")
     denoise: bool = Field(default=True, description="denoise the rendered views")
     opening: bool = Field(
         default=False, description="room in code: leave the panes of its windows out, so that light comes from the sky"
