@@ -177,6 +177,7 @@ def grid(radiance=1.0, resolution: int = 2, side: float = 2.1, center=(0.0, 0.0,
         "radiance": np.broadcast_to(np.float32(radiance), (count, 3)).copy(),
         "count": np.ones(count, np.float32),
         "source": np.arange(count, dtype=np.int32),
+        "part": np.zeros(count, np.int32),
     }
 
 

@@ -95,7 +95,7 @@ class _Linear(nn.Linear):
 class _Product(torch.autograd.Function):
     """The product of a linear layer.
 
-    The gradient of a weight is a small matrix of long sums. On some processors a matrix library divides these sums among
+    The gradient of a weight is a small matrix of long sums. A matrix library may divide these sums among
     its threads: the order of additions then depends on their number. Here the parts are fixed; one thread sums each.
     """
 

@@ -19,12 +19,18 @@ _FORMS = {
     "radiance": "amount N 3",
     "count": "amount N",
     "source": "number N",
+    "part": "number N",
 }
 _MOST = 1 << 20
 """Voxels a side: their numbers then fit into 64 bits."""
 
 FACINGS = 6
 """Ways a surface may face in a voxel: both directions of each axis."""
+_OFF_PLANE = 4.0
+"""How much further what lies off the plane of unseen surface counts. Where balls of 0.6 m of a scan were hidden, 1.2 %
+of their surface came out three times too bright, instead of 1.5 %; in a clean room it made no difference."""
+_TURN = 8
+"""Voxels that surface which faces another way counts as further away."""
 
 
 def voxel_keys(points: np.ndarray, center: np.ndarray, side: float, resolution: int) -> np.ndarray:
@@ -44,6 +50,19 @@ def facing_normals(facing: np.ndarray) -> np.ndarray:
     """(N, 3) float32 unit vectors along the axes that surface of `facings` (N,) faces."""
     sign = 2 * (facing % 2).astype(np.float32) - 1
     return np.eye(3, dtype=np.float32)[facing // 2] * sign[:, None]
+
+
+def along_surface(cache: Mapping[str, np.ndarray], axis: int) -> np.ndarray:
+    """(K, 7) places of a cache's records, near each other where one may stand for another that faces along ``axis``.
+
+    What lies off the plane of that surface is `_OFF_PLANE` times as far, and what faces another way `_TURN` voxels
+    further: ceilings go on. By the last column, records of another connected part are further than all of the same one.
+    """
+    points = cache["point"]
+    scaled = points * np.where(np.arange(3) == axis, np.float32(_OFF_PLANE), np.float32(1))
+    turned = _TURN * float(cache["side"]) / int(cache["resolution"]) * facing_normals(cache["facing"])
+    separation = 4.0 * _OFF_PLANE * (float(np.ptp(points, axis=0).max()) + 1.0)
+    return np.concatenate([scaled, turned, cache["part"][:, None] * separation], axis=1)
 
 
 def write_cache(path: str | Path, cache: dict[str, np.ndarray]) -> None:

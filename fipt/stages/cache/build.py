@@ -14,7 +14,7 @@ from fipt.formats.files import check_disk, check_memory
 from fipt.scene.mesh import Mesh, connected_parts, point_counts, surface_points
 from fipt.scene.mixed import Unmixed, find_islands, unmixed
 from fipt.scene.samples import FootprintSamples, scene_box
-from fipt.scene.voxels import FACINGS, facing_normals, facings, voxel_keys
+from fipt.scene.voxels import FACINGS, along_surface, facings, voxel_keys
 from fipt.stages.cache.settings import CacheSettings
 
 _INTERIOR = 0.95
@@ -24,9 +24,6 @@ _BYTES_A_POINT, _BYTES_A_SAMPLE = 100, 200
 largest view."""
 _BYTES_ON_DISK = 10
 """Of the file, for such a point: measured 9.0 and 9.3."""
-_OFF_PLANE = 4.0
-"""How much further what lies off the plane of unseen surface counts. Where balls of 0.6 m of a scan were hidden, 1.2 %
-of their surface came out three times too bright, instead of 1.5 %; in a clean room it made no difference."""
 _MIXED = 1e-3
 """Weight of those others: they count only where nothing better is known."""
 
@@ -51,8 +48,8 @@ def build(
         ``center`` (3,) float64 and ``side`` of the box (metres), ``resolution``; K records sorted by ``key`` (K,) int64
         of their voxel, then ``facing`` (K,) uint8; ``point`` (K, 3) float32 a point of that surface in the voxel,
         ``radiance`` (K, 3) float32, ``count`` (K,) float32 pixels that it fills (0: its radiance is mixed or not
-        known), ``source`` (K,) int32 the record that stands for it where no view sees it: the nearest seen one, of
-        the same connected part and not mixed if it can be.
+        known), ``part`` (K,) int32 connected part of the mesh, ``source`` (K,) int32 the record that stands for it
+        where no view sees it: the nearest seen one, of the same connected part and not mixed if it can be.
     """
     center, side = scene_box(shards)
     n = settings.resolution
@@ -79,8 +76,7 @@ def build(
         sums.add(record, *_unmixed_light(found, image[pixel], weight), clipped[pixel])
     sums.add_bounds()
     point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
-    part = connected_parts(mesh)[records.triangle]
-    return {
+    cache = {
         "center": center,
         "side": np.array(side, np.float64),
         "resolution": np.array(n, np.int64),
@@ -89,8 +85,9 @@ def build(
         "point": point,
         "radiance": (sums.total / np.maximum(sums.weight, 1e-12)[:, None]).astype(np.float32),
         "count": sums.count.astype(np.float32),
-        "source": _nearest_seen(point, facing, part, sums.seen, sums.count > 0, 8 * side / n),
+        "part": connected_parts(mesh)[records.triangle].astype(np.int32),
     }
+    return cache | {"source": _nearest_seen(cache, sums.seen, sums.count > 0)}
 
 
 def check_room(mesh: Mesh, shards: list[FootprintSamples], settings: CacheSettings, out: Path) -> None:
@@ -189,22 +186,18 @@ class _Sums:
         np.add.at(self.weight, record, weight)
 
 
-def _nearest_seen(
-    points: np.ndarray, facing: np.ndarray, part: np.ndarray, seen: np.ndarray, filled: np.ndarray, turn: float
-) -> np.ndarray:
+def _nearest_seen(cache: dict[str, np.ndarray], seen: np.ndarray, filled: np.ndarray) -> np.ndarray:
     """(K,) int32 index of the record that stands for one that is not ``seen``; itself where it is.
 
     The nearest one, of the same connected part before others; of these one that pixels have ``filled`` before one that
-    they show in a mixture with something else, perhaps with a lamp. A surface that faces another way counts as ``turn``
-    metres further away, and what lies off the plane of the surface as `_OFF_PLANE` times as far: ceilings go on.
+    they show in a mixture with something else, perhaps with a lamp.
     """
-    source = np.arange(len(points), dtype=np.int32)
+    facing, part = cache["facing"], cache["part"]
+    source = np.arange(len(facing), dtype=np.int32)
     if not seen.any():
         return source
-    separation = 4.0 * _OFF_PLANE * (float(np.ptp(points, axis=0).max()) + 1.0)
     for axis in range(3):
-        scaled = points * np.where(np.arange(3) == axis, _OFF_PLANE, 1.0)
-        place = np.concatenate([scaled, turn * facing_normals(facing), part[:, None] * separation], axis=1)
+        place = along_surface(cache, axis)
         asked = np.flatnonzero(~seen & (facing // 2 == axis))
         for pool, own in ((filled, True), (seen, True), (filled, False), (seen, False)):
             chosen = np.flatnonzero(pool)

@@ -10,8 +10,14 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from fipt.scene.voxels import FACINGS, facing_normals, facings, voxel_keys
+from fipt.scene.voxels import FACINGS, along_surface, facing_normals, facings, voxel_keys
 from fipt.stages.fit.batches import Pixels
+
+_VOTERS = 64
+"""Seen voxels around that which stands for unseen surface: half a disc of six voxels. What frames a wall has its border
+a pixel or two beside the truth, and that is where unseen surface begins."""
+_REACH = 8
+"""How far they may lie, voxels: as far as surface that faces another way counts at least."""
 
 
 @dataclass(frozen=True)
@@ -67,11 +73,58 @@ def find_hidden(pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray)
     if gives.any():
         beside = cKDTree(cache["point"][gives]).query(cache["point"][asks], workers=-1)[1]
         segment[asks] = segment[gives][beside]
-    segment = segment[cache["source"]]
     unseen = cache["source"] != np.arange(len(segment))
+    segment[unseen] = _of_unseen(cache, segment, taught & labelled, unseen)[unseen]
     chosen = (unseen | (seen & ~taught)) & (segment > 0) & known[segment]
     place = cache["point"][chosen] - np.float32(pixels.inset) * facing_normals(cache["facing"][chosen])
     return HiddenSurface(place, segment[chosen], seen[chosen], float(cache["side"]) / int(cache["resolution"]))
+
+
+def _of_unseen(cache: dict[str, np.ndarray], segment: np.ndarray, known: np.ndarray, unseen: np.ndarray) -> np.ndarray:
+    """(R,) int64 segment of each record that is ``unseen``: of its other side, or of surface around what stands for it.
+
+    Surface has one material on both sides. Of two sides that no view sees that one decides that faces as what stands
+    for it does, or else is nearer to it: the outside of a wall faces as the furniture before it does.
+    """
+    source, other = cache["source"].astype(np.int64), _other_sides(cache)
+    turned = cache["facing"] != cache["facing"][source]
+    far = np.linalg.norm(cache["point"] - cache["point"][source], axis=1)
+    worse = (turned > turned[other]) | ((turned == turned[other]) & (far > far[other]))
+    tells = source[np.where(unseen[other] & worse, other, np.arange(len(other)))]
+    found = segment.copy()
+    stands = np.unique(tells[unseen])
+    stands = stands[known[stands]]
+    found[stands] = _around(cache, segment, known, stands)
+    return np.where(~unseen[other] & (segment[other] > 0), segment[other], found[tells])
+
+
+def _other_sides(cache: dict[str, np.ndarray]) -> np.ndarray:
+    """(R,) int64 number of the record of the other side of each one's surface; its own where there is none."""
+    number, record = np.arange(len(cache["key"])), cache["key"] * FACINGS + cache["facing"]
+    wanted = cache["key"] * FACINGS + (cache["facing"] ^ 1)
+    other = np.minimum(np.searchsorted(record, wanted), len(number) - 1)
+    return np.where(record[other] == wanted, other, number)
+
+
+def _around(cache: dict[str, np.ndarray], segment: np.ndarray, known: np.ndarray, asks: np.ndarray) -> np.ndarray:
+    """(A,) int64: the most frequent segment of `_VOTERS` ``known`` records around each of ``asks`` (A,), of such.
+
+    Voters are of the same connected part of the mesh, nearest along the surface, and within `_REACH` voxels.
+    """
+    voters, voted = np.flatnonzero(known), segment[asks]
+    reach = _REACH * float(cache["side"]) / int(cache["resolution"])
+    for axis in range(3):
+        chosen = np.flatnonzero(cache["facing"][asks] // 2 == axis)
+        if not len(voters) or not len(chosen):
+            continue
+        place, own = along_surface(cache, axis), segment[asks[chosen]]
+        tree = cKDTree(place[voters])
+        _, near = tree.query(place[asks[chosen]], k=range(1, _VOTERS + 1), distance_upper_bound=reach, workers=-1)
+        row, column = np.nonzero(near < len(voters))
+        pairs, votes = np.unique(np.stack([row, segment[voters[near[row, column]]]]), axis=1, return_counts=True)
+        order = np.lexsort((pairs[1] == own[pairs[0]], votes))
+        voted[chosen[pairs[0, order]]] = pairs[1, order]  # what has the most votes comes last, its own of equals
+    return voted
 
 
 def _of_records(

@@ -10,6 +10,7 @@ from fipt.stages.fit.hidden import find_hidden
 from tests import scenes
 
 UP, DOWN = (0, 1, 0), (0, -1, 0)
+SIDE, OTHER_SIDE = (1, 0, 0), (-1, 0, 0)
 RECORDS = [
     # point, facing, number of the record that stands for it
     ((-1.5, 0.5, -1.5), UP, 0),  # seen, segment 3
@@ -22,10 +23,9 @@ RECORDS = [
 ]
 
 
-@pytest.fixture
-def cache():
+def cache_of(records):
     """Records in a box of side 4 with 4 voxels a side, sorted as in cache.npz."""
-    point, normal, source = (np.array(column) for column in zip(*RECORDS, strict=True))
+    point, normal, source = (np.array(column) for column in zip(*records, strict=True))
     center = np.zeros(3)
     key, facing = voxel_keys(point, center, 4.0, 4), facings(normal.astype(float))
     order = np.lexsort((facing, key))
@@ -38,7 +38,13 @@ def cache():
         "facing": facing[order],
         "point": point[order].astype(np.float32),
         "source": place[source[order]].astype(np.int32),
+        "part": np.zeros(len(records), np.int32),
     }
+
+
+@pytest.fixture
+def cache():
+    return cache_of(RECORDS)
 
 
 @pytest.fixture
@@ -64,6 +70,66 @@ def test_unseen_surface_takes_the_segment_of_what_stands_for_it(pixels, cache):
     assert found == {(-0.5, 0.5, -1.5, 3), (0.5, 0.5, -1.5, 7), (-1.5, 0.5, 1.5, 3)}
     assert len(hidden) == 3
     assert hidden.size == 1.0
+
+
+def test_both_sides_of_unseen_surface_have_one_segment(pixels):
+    unseen, seen = (-1.5, 0.5, 1.5), RECORDS[0][0]
+    hidden = find_hidden(
+        pixels,
+        cache_of(
+            [
+                (seen, UP, 0),  # segment 3
+                (RECORDS[2][0], UP, 1),  # segment 7
+                (seen, DOWN, 1),  # the other side of what views see
+                (unseen, UP, 0),  # faces as what stands for it does
+                (unseen, DOWN, 1),
+            ]
+        ),
+        np.ones(10, bool),
+    )
+    assert hidden.points.tolist() == [list(seen), list(unseen), list(unseen)]
+    assert hidden.segment.tolist() == [3, 3, 3]
+
+
+def test_of_two_unseen_sides_the_one_nearer_to_what_stands_for_it_decides(pixels):
+    unseen = (1.5, 0.5, -1.5)
+    for above, below, segment in ((0, 1, 7), (1, 0, 7)):
+        records = [(RECORDS[0][0], UP, 0), (RECORDS[2][0], UP, 1), (unseen, SIDE, above), (unseen, OTHER_SIDE, below)]
+        assert find_hidden(pixels, cache_of(records), np.ones(10, bool)).segment.tolist() == [segment] * 2
+
+
+def strip(length):
+    """A strip of seen voxels along x from the box's edge, of segment 3, the last of 7; then one that no view sees."""
+    box = {"center": np.zeros(3), "side": np.float64(64.0), "resolution": np.int64(64)}
+    place = np.float32([(x - 31.5, 0.5, 0.5) for x in range(length + 1)])
+    seen = scenes.samples_of(place[:-1], normal=np.float32([UP] * length), views=("a",), shapes=[(1, length)])
+    ids = np.full(length, 3, np.uint16)
+    ids[-1] = 7
+    shading = [np.zeros((length, SHADING_OUTPUTS, 3), np.float32)]
+    pixels = scenes.training_pixels([seen], shading, [(np.ones((length, 3)), np.ones(length))], [ids])
+    key, facing = voxel_keys(place, np.zeros(3), 64.0, 64), facings(np.float64([UP] * (length + 1)))
+    source = np.append(np.arange(length), length - 1).astype(np.int32)
+    parts = np.zeros(length + 1, np.int32)
+    return pixels, box | {"key": key, "facing": facing, "point": place, "source": source, "part": parts}
+
+
+def test_the_last_voxel_before_unseen_surface_does_not_tell_alone():
+    pixels, cache = strip(6)
+    assert find_hidden(pixels, cache, np.ones(10, bool)).segment.tolist() == [3]
+
+
+def test_other_parts_of_the_mesh_have_no_vote():
+    pixels, cache = strip(6)
+    cache["part"][-2:] = 1
+    assert find_hidden(pixels, cache, np.ones(10, bool)).segment.tolist() == [7]
+
+
+def test_what_is_far_away_has_no_vote():
+    pixels, cache = strip(6)
+    cache["point"][-2:, 0] += 20
+    pixels.shards[0].position[-1, 0] += 20
+    cache["key"] = voxel_keys(cache["point"], np.zeros(3), 64.0, 64)
+    assert find_hidden(pixels, cache, np.ones(10, bool)).segment.tolist() == [7]
 
 
 def test_places_lie_below_the_surface(pixels, cache):
