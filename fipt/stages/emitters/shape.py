@@ -51,6 +51,7 @@ def shaped(mesh: Mesh, surface: Surface, emits: np.ndarray, shards: Sequence[Obs
     inside = _medians(bright[own], surface.region[own], surface.count)
     distance, near = _emitters_around(mesh, surface, own, small)
     dark = ~own[small] & (distance[:, 0] > _BLUR) & (distance[:, 0] <= 2 * _BLUR)
+    dark &= bright[small] < inside[near[:, 0]]  # a speckle of a globe in the air may be all that there is around it
     outside = _medians(bright[small[dark]], near[dark, 0], surface.count)
     level = np.where(distance <= _BLUR, inside[near], -1.0)
     region = near[np.arange(len(small)), level.argmax(axis=1)]  # the brightest emitter nearby
