@@ -111,19 +111,21 @@ def _around(cache: dict[str, np.ndarray], segment: np.ndarray, known: np.ndarray
 
     Voters are of the same connected part of the mesh, nearest along the surface, and within `_REACH` voxels.
     """
-    voters, voted = np.flatnonzero(known), segment[asks]
+    voted, along, count = segment[asks], cache["facing"] // 2, int(segment.max()) + 1
     reach = _REACH * float(cache["side"]) / int(cache["resolution"])
     for axis in range(3):
-        chosen = np.flatnonzero(cache["facing"][asks] // 2 == axis)
+        # what faces along another axis counts as further away than any voter
+        voters, chosen = np.flatnonzero(known & (along == axis)), np.flatnonzero(along[asks] == axis)
         if not len(voters) or not len(chosen):
             continue
         place, own = along_surface(cache, axis), segment[asks[chosen]]
         tree = cKDTree(place[voters])
         _, near = tree.query(place[asks[chosen]], k=range(1, _VOTERS + 1), distance_upper_bound=reach, workers=-1)
         row, column = np.nonzero(near < len(voters))
-        pairs, votes = np.unique(np.stack([row, segment[voters[near[row, column]]]]), axis=1, return_counts=True)
-        order = np.lexsort((pairs[1] == own[pairs[0]], votes))
-        voted[chosen[pairs[0, order]]] = pairs[1, order]  # what has the most votes comes last, its own of equals
+        pairs, votes = np.unique(row * count + segment[voters[near[row, column]]], return_counts=True)
+        row, candidate = np.divmod(pairs, count)
+        order = np.lexsort((candidate == own[row], votes))
+        voted[chosen[row[order]]] = candidate[order]  # what has the most votes comes last, its own of equals
     return voted
 
 
