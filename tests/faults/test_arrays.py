@@ -20,7 +20,7 @@ ONES, ROWS = np.ones(N, np.float32), np.arange(N, dtype=np.int32)
 FILES: dict[str, tuple[dict[str, Any], Callable[[Path], object]]] = {
     "cache": (
         {**BOX, "key": ROWS, "facing": ROWS, "point": np.ones((N, 3)), "radiance": np.ones((N, 3)), "count": ONES,
-         "source": ROWS},
+         "source": ROWS, "part": ROWS},
         read_cache,
     ),
     "emitters": (
@@ -51,6 +51,7 @@ FAULTS: dict[str, list[tuple[str, Any]]] = {
         ("resolution", np.int64(0)), ("point", np.ones((N, 2))), ("facing", np.ones(N + 1, np.uint8)),
         ("key", ROWS[::-1]), ("key", ROWS - 1), ("key", ROWS + 8**3), ("facing", ROWS + 6),
         ("source", ROWS + 1), ("source", ROWS - 1), ("point", np.full((N, 3), np.nan)), ("count", -ONES),
+        ("part", ROWS[:2]), ("part", ONES * 0.5),
     ],
     "emitters": [
         ("triangle", ONES), ("triangle", ROWS[:2]), ("radiance", np.ones((N, 4))),

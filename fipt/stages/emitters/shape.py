@@ -14,8 +14,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
+from fipt.robust import NORMAL
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
+from fipt.stages.emitters.fragments import LEAST_DIFFERENCE, SIGMA
 from fipt.stages.emitters.observations import grouped_median
 from fipt.stages.emitters.regions import ALIKE, PIXELS, Surface, by_part
 
@@ -51,7 +53,8 @@ def shaped(mesh: Mesh, surface: Surface, emits: np.ndarray, shards: Sequence[Obs
     inside = _medians(bright[own], surface.region[own], surface.count)
     distance, near = _emitters_around(mesh, surface, own, small)
     dark = ~own[small] & (distance[:, 0] > _BLUR) & (distance[:, 0] <= 2 * _BLUR)
-    dark &= bright[small] < inside[near[:, 0]]  # a speckle of a globe in the air may be all that there is around it
+    # a speckle of a globe in the air may be all that there is around it
+    dark &= bright[small] < (inside - _spread(bright[own], surface.region[own], inside))[near[:, 0]]
     outside = _medians(bright[small[dark]], near[dark, 0], surface.count)
     level = np.where(distance <= _BLUR, inside[near], -1.0)
     region = near[np.arange(len(small)), level.argmax(axis=1)]  # the brightest emitter nearby
@@ -100,6 +103,12 @@ def _mixed(
     weight = share[near] * (facing & (distance <= reach))
     total = weight.sum(axis=1)
     return np.where(total > 0, (weight * radiance[near]).sum(axis=1) / np.maximum(total, 1e-9), default)
+
+
+def _spread(values: np.ndarray, region: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """(R,) by how much a region's own values (N,) may differ from its median ``inside`` (R,)."""
+    deviations = NORMAL * _medians(np.abs(values - inside[region]), region, len(inside))
+    return np.maximum(SIGMA * deviations, LEAST_DIFFERENCE * inside)
 
 
 def _medians(values: np.ndarray, region: np.ndarray, regions: int) -> np.ndarray:

@@ -18,6 +18,8 @@ _VOTERS = 64
 a pixel or two beside the truth, and that is where unseen surface begins."""
 _REACH = 8
 """How far they may lie, voxels: as far as surface that faces another way counts at least."""
+_AT_ONCE = 1 << 14
+"""Places that are voted on at a time: 100 MB."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class HiddenSurface:
     points
         (N, 3) float32 places to query, metres.
     segment
-        (N,) int64 segment that tells it: of the nearest seen surface of the same connected part, or of what is beside.
+        (N,) int64 segment that tells it: of its other side, of seen surface nearby along it, or of what is beside.
     seen
         (N,) bool: views see it, in pixels that teach nothing.
     size
@@ -58,7 +60,7 @@ class HiddenSurface:
 
 
 def find_hidden(pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray) -> HiddenSurface:
-    """Records of the radiance cache that no pixel teaches, with the segments of those that stand for them.
+    """Records of the radiance cache that no pixel teaches, with the segments that tell them.
 
     Parameters
     ----------
@@ -68,33 +70,33 @@ def find_hidden(pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray)
         (S,) bool: segments of which anything is known; the others' surface is left alone, or takes what lies beside.
     """
     segment, taught, seen = _of_records(pixels, cache, known)
-    labelled = (segment > 0) & known[segment]
-    asks, gives = np.flatnonzero(seen & ~taught & ~labelled), taught & labelled
+    segment[~known[segment]] = 0
+    asks, gives = np.flatnonzero(seen & ~taught & (segment == 0)), taught & (segment > 0)
     if gives.any():
         beside = cKDTree(cache["point"][gives]).query(cache["point"][asks], workers=-1)[1]
         segment[asks] = segment[gives][beside]
     unseen = cache["source"] != np.arange(len(segment))
-    segment[unseen] = _of_unseen(cache, segment, taught & labelled, unseen)[unseen]
-    chosen = (unseen | (seen & ~taught)) & (segment > 0) & known[segment]
+    segment[unseen] = _of_unseen(cache, segment, gives, unseen)[unseen]
+    chosen = (unseen | (seen & ~taught)) & (segment > 0)
     place = cache["point"][chosen] - np.float32(pixels.inset) * facing_normals(cache["facing"][chosen])
     return HiddenSurface(place, segment[chosen], seen[chosen], float(cache["side"]) / int(cache["resolution"]))
 
 
-def _of_unseen(cache: dict[str, np.ndarray], segment: np.ndarray, known: np.ndarray, unseen: np.ndarray) -> np.ndarray:
+def _of_unseen(cache: dict[str, np.ndarray], segment: np.ndarray, gives: np.ndarray, unseen: np.ndarray) -> np.ndarray:
     """(R,) int64 segment of each record that is ``unseen``: of its other side, or of surface around what stands for it.
 
     Surface has one material on both sides. Of two sides that no view sees that one decides that faces as what stands
-    for it does, or else is nearer to it: the outside of a wall faces as the furniture before it does.
+    for it does, or else is nearer to it: the outside of a wall faces as the furniture before it does. Pixels teach the
+    records that ``gives`` (R,) says.
     """
-    source, other = cache["source"].astype(np.int64), _other_sides(cache)
-    turned = cache["facing"] != cache["facing"][source]
+    number, source, other = np.arange(len(segment)), cache["source"].astype(np.int64), _other_sides(cache)
     far = np.linalg.norm(cache["point"] - cache["point"][source], axis=1)
-    worse = (turned > turned[other]) | ((turned == turned[other]) & (far > far[other]))
-    tells = source[np.where(unseen[other] & worse, other, np.arange(len(other)))]
-    found = segment.copy()
-    stands = np.unique(tells[unseen])
-    stands = stands[known[stands]]
-    found[stands] = _around(cache, segment, known, stands)
+    far += 2 * float(cache["side"]) * (cache["facing"] != cache["facing"][source])
+    worse = (far > far[other]) | ((far == far[other]) & (number > other))
+    tells = source[np.where(unseen[other] & worse, other, number)]
+    found, stands = segment.copy(), np.unique(tells[unseen])
+    stands = stands[gives[stands]]
+    found[stands] = _around(cache, segment, gives, stands)
     return np.where(~unseen[other] & (segment[other] > 0), segment[other], found[tells])
 
 
@@ -103,30 +105,41 @@ def _other_sides(cache: dict[str, np.ndarray]) -> np.ndarray:
     number, record = np.arange(len(cache["key"])), cache["key"] * FACINGS + cache["facing"]
     wanted = cache["key"] * FACINGS + (cache["facing"] ^ 1)
     other = np.minimum(np.searchsorted(record, wanted), len(number) - 1)
-    return np.where(record[other] == wanted, other, number)
+    return np.where((record[other] == wanted) & (cache["part"][other] == cache["part"]), other, number)
 
 
-def _around(cache: dict[str, np.ndarray], segment: np.ndarray, known: np.ndarray, asks: np.ndarray) -> np.ndarray:
-    """(A,) int64: the most frequent segment of `_VOTERS` ``known`` records around each of ``asks`` (A,), of such.
+def _around(cache: dict[str, np.ndarray], segment: np.ndarray, gives: np.ndarray, asks: np.ndarray) -> np.ndarray:
+    """(A,) int64: the most frequent segment of `_VOTERS` records that ``gives`` (R,) around each of ``asks`` (A,).
 
     Voters are of the same connected part of the mesh, nearest along the surface, and within `_REACH` voxels.
     """
-    voted, along, count = segment[asks], cache["facing"] // 2, int(segment.max()) + 1
+    voted, along = segment[asks], cache["facing"] // 2
     reach = _REACH * float(cache["side"]) / int(cache["resolution"])
     for axis in range(3):
         # what faces along another axis counts as further away than any voter
-        voters, chosen = np.flatnonzero(known & (along == axis)), np.flatnonzero(along[asks] == axis)
-        if not len(voters) or not len(chosen):
+        voters, rows = np.flatnonzero(gives & (along == axis)), np.flatnonzero(along[asks] == axis)
+        if not len(voters):
             continue
-        place, own = along_surface(cache, axis), segment[asks[chosen]]
+        place = along_surface(cache, axis)
         tree = cKDTree(place[voters])
-        _, near = tree.query(place[asks[chosen]], k=range(1, _VOTERS + 1), distance_upper_bound=reach, workers=-1)
-        row, column = np.nonzero(near < len(voters))
-        pairs, votes = np.unique(row * count + segment[voters[near[row, column]]], return_counts=True)
-        row, candidate = np.divmod(pairs, count)
-        order = np.lexsort((candidate == own[row], votes))
-        voted[chosen[row[order]]] = candidate[order]  # what has the most votes comes last, its own of equals
+        for first in range(0, len(rows), _AT_ONCE):
+            some = rows[first : first + _AT_ONCE]
+            at = place[asks[some]]
+            near = tree.query(at, k=range(1, _VOTERS + 1), distance_upper_bound=reach, workers=-1)[1]
+            row, column = np.nonzero(near < len(voters))
+            voted[some] = _most_frequent(row, segment[voters[near[row, column]]], voted[some])
     return voted
+
+
+def _most_frequent(row: np.ndarray, votes: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """(N,) the most frequent of the votes (V,) of each row (V,); of equals its ``own`` (N,), and where it has none."""
+    count = int(max(votes.max(initial=0), own.max(initial=0))) + 1
+    pairs, number = np.unique(row * count + votes, return_counts=True)
+    row, candidate = np.divmod(pairs, count)
+    order = np.lexsort((candidate == own[row], number))
+    result = own.copy()
+    result[row[order]] = candidate[order]  # what has the most votes comes last
+    return result
 
 
 def _of_records(

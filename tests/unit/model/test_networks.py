@@ -204,3 +204,12 @@ def test_threads_do_not_change_the_gradients(backend, threads, count):
         seen.append([value.grad.clone() for value in field.parameters() if value.grad is not None])
     for other in seen[1:]:
         assert all(torch.equal(one, two) for one, two in zip(seen[0], other, strict=True))
+
+
+def test_every_layer_sums_its_gradients_in_parts():
+    """On some processors a matrix library divides only narrow products among threads, on others wide ones, too."""
+    field = Field(NetworkSettings(levels=4, table_log2=10), SceneBox((0.0, 0.0, 0.0), 2.0), mask=True)
+    layers = [layer for layer in field.modules() if isinstance(layer, torch.nn.Linear)]
+    assert len(layers) > 3
+    for layer in layers:
+        assert type(layer(torch.ones(2, layer.in_features)).grad_fn).__name__ == "_ProductBackward", layer

@@ -54,8 +54,18 @@ def test_a_triangle_at_the_edge_belongs_to_the_lamp_from_half_of_the_step(backen
     assert emitting_cells(steps(at_12=edge)) == list(range(cells))
 
 
-def test_what_is_as_bright_as_the_lamp_is_not_its_surroundings(backend):
+@pytest.mark.parametrize("around", [10.2, 9.99, 9.6])
+def test_what_is_as_bright_as_the_lamp_is_not_its_surroundings(backend, around):
     """A globe in the air has little around it; one triangle as bright, of another region, made half of it dark."""
     radiance = steps()
-    radiance[COUNT // 2 :] = 10.2
+    radiance[: COUNT // 2 : 2], radiance[1 : COUNT // 2 : 2] = 9.8, 10.2
+    radiance[COUNT // 2 :] = around
     assert set(range(COUNT // 2)) <= set(emitting_cells(radiance))
+
+
+def test_a_dim_lamp_has_an_edge_too(backend):
+    """Half of the step from 10 to 7 is at 8.5."""
+    radiance = steps()
+    radiance[COUNT // 2 :] = 7.0
+    radiance[COUNT // 2] = 8.4
+    assert emitting_cells(radiance) == list(range(COUNT // 2))

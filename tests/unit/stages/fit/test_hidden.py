@@ -93,9 +93,32 @@ def test_both_sides_of_unseen_surface_have_one_segment(pixels):
 
 def test_of_two_unseen_sides_the_one_nearer_to_what_stands_for_it_decides(pixels):
     unseen = (1.5, 0.5, -1.5)
-    for above, below, segment in ((0, 1, 7), (1, 0, 7)):
+    for above, below in ((0, 1), (1, 0)):
         records = [(RECORDS[0][0], UP, 0), (RECORDS[2][0], UP, 1), (unseen, SIDE, above), (unseen, OTHER_SIDE, below)]
-        assert find_hidden(pixels, cache_of(records), np.ones(10, bool)).segment.tolist() == [segment] * 2
+        assert find_hidden(pixels, cache_of(records), np.ones(10, bool)).segment.tolist() == [7, 7]
+
+
+def test_two_unseen_sides_as_far_from_what_stands_for_them_have_one_segment(pixels):
+    unseen = (-0.5, 0.5, -1.5)  # a metre from both
+    records = [(RECORDS[0][0], UP, 0), (RECORDS[2][0], UP, 1), (unseen, SIDE, 0), (unseen, OTHER_SIDE, 1)]
+    assert len(set(find_hidden(pixels, cache_of(records), np.ones(10, bool)).segment.tolist())) == 1
+
+
+def test_another_part_of_the_mesh_is_not_the_other_side(pixels):
+    """A picture before a wall: the wall's outside does not have the picture's material."""
+    wall = (0.5, 0.5, -1.5)
+    cache = cache_of([(RECORDS[0][0], UP, 0), (wall, UP, 1), (wall, DOWN, 0)])
+    assert find_hidden(pixels, cache, np.ones(10, bool)).segment.tolist() == [7]
+    outside = np.flatnonzero(cache["facing"] == facings(np.array([DOWN], float)))
+    cache["part"][outside] = 1
+    assert find_hidden(pixels, cache, np.ones(10, bool)).segment.tolist() == [3]
+
+
+def test_the_back_of_what_nothing_is_known_of_takes_what_stands_for_it(pixels):
+    known = np.ones(10, bool)
+    known[7] = False
+    cache = cache_of([(RECORDS[0][0], UP, 0), (RECORDS[2][0], UP, 1), (RECORDS[2][0], DOWN, 0)])
+    assert find_hidden(pixels, cache, known).segment.tolist() == [3]
 
 
 def strip(length):
