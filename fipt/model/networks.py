@@ -80,8 +80,8 @@ class SceneBox:
 class _Linear(nn.Linear):
     """A linear layer whose first weights `linear` draws, from a generator of its own.
 
-    torch's `skip_init` would do as well, but imports sympy for it: most of a second at the start of every stage. Its
-    gradients are the same to the bit with any number of threads.
+    torch's `skip_init` would do as well, but imports sympy for it: most of a second at the start of every stage. The
+    layer's gradients are the same to the bit with any number of threads.
     """
 
     def reset_parameters(self) -> None:

@@ -106,9 +106,9 @@ def _mixed(
 
 
 def _spread(values: np.ndarray, region: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """(R,) by how much a region's own values (N,) may differ from its median ``inside`` (R,)."""
+    """(R,) by how much a region's own values (N,) may differ from its median ``inside`` (R,); half of it at most."""
     deviations = NORMAL * _medians(np.abs(values - inside[region]), region, len(inside))
-    return np.maximum(SIGMA * deviations, LEAST_DIFFERENCE * inside)
+    return np.clip(SIGMA * deviations, LEAST_DIFFERENCE * inside, 0.5 * inside)
 
 
 def _medians(values: np.ndarray, region: np.ndarray, regions: int) -> np.ndarray:

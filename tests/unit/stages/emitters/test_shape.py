@@ -69,3 +69,12 @@ def test_a_dim_lamp_has_an_edge_too(backend):
     radiance[COUNT // 2 :] = 7.0
     radiance[COUNT // 2] = 8.4
     assert emitting_cells(radiance) == list(range(COUNT // 2))
+
+
+def test_an_uneven_lamp_has_an_edge_too(backend):
+    """As a lampshade: its own values differ by more than the wall does from it."""
+    radiance = steps()
+    radiance[: COUNT // 2] = np.resize([7.5, 10.0, 12.5], COUNT // 2)
+    radiance[COUNT // 2 :] = 4.5
+    radiance[COUNT // 2] = 7.0  # half of the step from 10 to 4.5 is at 7.25
+    assert emitting_cells(radiance) == list(range(COUNT // 2))
