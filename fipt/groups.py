@@ -1,4 +1,4 @@
-"""Groups of what is connected."""
+"""Groups of what is connected, and what most of a group say."""
 
 from collections.abc import Sequence
 
@@ -15,3 +15,27 @@ def connected_groups(pairs: Sequence[np.ndarray] | np.ndarray, count: int) -> np
 
     links = coo_matrix((np.ones(len(pairs[0]), np.int8), (pairs[0], pairs[1])), shape=(count, count))
     return connected_components(links, directed=False)[1].astype(np.int64)
+
+
+def most_frequent(group: np.ndarray, value: np.ndarray, default: np.ndarray) -> np.ndarray:
+    """Most frequent value of each group.
+
+    Parameters
+    ----------
+    group, value
+        (N,) int numbers of groups, and values from 0.
+    default
+        (G,) int: the value of a group that has none, and the one of its equally frequent values that it takes.
+
+    Returns
+    -------
+    ndarray
+        (G,) as ``default``; of other equals the largest value.
+    """
+    size = int(max(value.max(initial=0), default.max(initial=0))) + 1
+    pairs, votes = np.unique(group.astype(np.int64) * size + value, return_counts=True)
+    group, value = np.divmod(pairs, size)
+    order = np.lexsort((value == default[group], votes))
+    result = default.copy()
+    result[group[order]] = value[order]  # what has the most votes is written last
+    return result

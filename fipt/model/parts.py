@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from fipt.errors import FiptError
+from fipt.groups import most_frequent
 from fipt.model.reflectance import Brdf
 from fipt.model.settings import NetworkSettings
 from fipt.scene.dataset import Dataset
@@ -173,15 +174,5 @@ def part_labels(data: Dataset, shards: Sequence[FootprintSamples], kind: str) ->
         parts.append(part[known])
     place, part, triangle = (np.concatenate(each) for each in (places, parts, triangles))
     chosen = np.linspace(0, len(place) - 1, min(len(place), _PLACES)).astype(np.int64)
-    votes = _most_frequent(triangle, part, len(data.mesh().triangles))
+    votes = most_frequent(triangle, part, np.zeros(len(data.mesh().triangles), np.int32))
     return PartLabels(votes, place[chosen].astype(np.float32), part[chosen])
-
-
-def _most_frequent(group: np.ndarray, value: np.ndarray, count: int) -> np.ndarray:
-    """(count,) int32 most frequent positive value (N,) of each group (N,); 0 where there is none."""
-    size = int(value.max(initial=0)) + 1
-    pairs, votes = np.unique(group.astype(np.int64) * size + value, return_counts=True)
-    order = np.argsort(votes, kind="stable")  # the last one written is the most frequent
-    result = np.zeros(count, np.int32)
-    result[pairs[order] // size] = pairs[order] % size
-    return result

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
+from fipt.groups import most_frequent
 from fipt.scene.voxels import FACINGS, along_surface, facing_normals, facings, voxel_keys
 from fipt.stages.fit.batches import Pixels
 
@@ -127,19 +128,8 @@ def _around(cache: dict[str, np.ndarray], segment: np.ndarray, gives: np.ndarray
             at = place[asks[some]]
             near = tree.query(at, k=range(1, _VOTERS + 1), distance_upper_bound=reach, workers=-1)[1]
             row, column = np.nonzero(near < len(voters))
-            voted[some] = _most_frequent(row, segment[voters[near[row, column]]], voted[some])
+            voted[some] = most_frequent(row, segment[voters[near[row, column]]], voted[some])
     return voted
-
-
-def _most_frequent(row: np.ndarray, votes: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """(N,) the most frequent of the votes (V,) of each row (V,); of equals its ``own`` (N,), and where it has none."""
-    count = int(max(votes.max(initial=0), own.max(initial=0))) + 1
-    pairs, number = np.unique(row * count + votes, return_counts=True)
-    row, candidate = np.divmod(pairs, count)
-    order = np.lexsort((candidate == own[row], number))
-    result = own.copy()
-    result[row[order]] = candidate[order]  # what has the most votes comes last
-    return result
 
 
 def _of_records(
