@@ -43,7 +43,7 @@ SECTIONS: dict[str, Section] = {
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 4),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 3),
     "fuse": Section("fipt.stages.segment.settings:FuseSettings", 3),
-    "cache": Section("fipt.stages.cache.settings:CacheSettings", 6),
+    "cache": Section("fipt.stages.cache.settings:CacheSettings", 7),
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 7),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 6),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 11),

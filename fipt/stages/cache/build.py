@@ -16,6 +16,7 @@ from fipt.scene.mixed import Unmixed, find_islands, unmixed
 from fipt.scene.samples import FootprintSamples, scene_box
 from fipt.scene.voxels import FACINGS, along_surface, facings, voxel_keys
 from fipt.stages.cache.settings import CacheSettings
+from fipt.stages.cache.sums import BYTES_A_PAIR, Sums
 
 _INTERIOR = 0.95
 """Pixels of which one piece covers at least this share tell a voxel's radiance; others mix surfaces."""
@@ -67,14 +68,14 @@ def build(
     for turn in (1, -1):  # surfaces have two sides
         records.add(voxel + facings(turn * mesh.normals[owner]), surface, owner)
 
-    sums = _Sums(len(records.key))
+    sums = Sums(len(records.key), _MIXED)
     for (samples, index), (image, valid, clipped) in zip(views, images, strict=True):
         own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
         record = np.searchsorted(records.key, keys(samples, own))
         weight = valid[pixel] * np.where(samples.weight[own] >= _INTERIOR, 1.0, _MIXED)
         found = unmixed(samples, index, islands, image, (valid > 0) & ~clipped)
         sums.add(record, *_unmixed_light(found, image[pixel], weight), clipped[pixel])
-    sums.add_bounds()
+    sums.finish()
     point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
     cache = {
         "center": center,
@@ -102,7 +103,11 @@ def check_room(mesh: Mesh, shards: list[FootprintSamples], settings: CacheSettin
     points = int(point_counts(mesh, side / settings.resolution / 3, center - side / 2, center + side / 2).sum())
     own = [samples.of_view(index) for samples in shards for index in range(len(samples.views))]
     largest = max((each.stop - each.start for each in own), default=0)
-    needed = _BYTES_A_POINT * points + _BYTES_A_SAMPLE * largest
+    # a view shows as many records as its pixels cover; a pixel that is wider than they are shows one
+    pairs = sum(
+        float(np.minimum(1, (samples.footprint / (side / settings.resolution)) ** 2).sum()) for samples in shards
+    )
+    needed = _BYTES_A_POINT * points + _BYTES_A_SAMPLE * largest + int(BYTES_A_PAIR * pairs)
     check_memory(needed, "the radiance cache", "use a smaller cache.resolution")
     check_disk(out.parent, _BYTES_ON_DISK * points, "the radiance cache")
 
@@ -136,54 +141,6 @@ class _Records:
         self.key = np.insert(self.key, place, key[~known])
         self.point = np.insert(self.point, place, point[first], axis=0)
         self.triangle = np.insert(self.triangle, place, triangle[first])
-
-
-class _Sums:
-    """Sums over the samples of K records.
-
-    Attributes
-    ----------
-    total, weight
-        (K, 3) radiance times weight; (K,) weight.
-    count
-        (K,) pixels that the records fill.
-    seen
-        (K,) bool, whether a valid pixel shows the record.
-    """
-
-    def __init__(self, size: int) -> None:
-        self.total, self.weight, self.count = np.zeros((size, 3)), np.zeros(size), np.zeros(size)
-        self.seen = np.zeros(size, bool)
-        self._bounds: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-
-    def add(self, record: np.ndarray, radiance: np.ndarray, weight: np.ndarray, clipped: np.ndarray) -> None:
-        """Add samples: records (N,), radiance (N, 3), weights (N,); ``clipped`` ones (N,) wait for `add_bounds`."""
-        self.seen[record[weight > 0]] = True
-        np.add.at(self.count, record, weight * (weight > _MIXED))
-        self._bounds.append((record[clipped], radiance[clipped], weight[clipped]))
-        record, radiance, weight = record[~clipped], radiance[~clipped], weight[~clipped]
-        # added one by one, so that the sums do not depend on how the views are cut into shards
-        np.add.at(self.weight, record, weight)
-        for channel in range(3):
-            np.add.at(self.total[:, channel], record, weight * radiance[:, channel])
-
-    def add_bounds(self) -> None:
-        """Add the clipped samples, which are lower bounds, such that they do not darken a record.
-
-        A bound below what others measure there says nothing new and counts as they do; a surface of which there are
-        only bounds is at least as bright as the highest of them.
-        """
-        record, values, weight = (np.concatenate(arrays) for arrays in zip(*self._bounds, strict=True))
-        highest = np.zeros_like(self.total)
-        usable = weight > _MIXED
-        np.maximum.at(highest, record[usable], values[usable])
-        measured = self.weight > 0
-        mean = self.total / np.maximum(self.weight, 1e-12)[:, None]
-        least = np.where(measured[:, None], mean, highest)
-        raised = np.maximum(values, least[record])
-        for channel in range(3):
-            np.add.at(self.total[:, channel], record, weight * raised[:, channel])
-        np.add.at(self.weight, record, weight)
 
 
 def _nearest_seen(cache: dict[str, np.ndarray], seen: np.ndarray, filled: np.ndarray) -> np.ndarray:
