@@ -16,7 +16,7 @@ from fipt.scene.mixed import Unmixed, find_islands, unmixed
 from fipt.scene.samples import FootprintSamples, scene_box
 from fipt.scene.voxels import FACINGS, along_surface, facings, voxel_keys
 from fipt.stages.cache.settings import CacheSettings
-from fipt.stages.cache.sums import BYTES_A_PAIR, Sums
+from fipt.stages.cache.sums import BYTES_A_PAIR, Sums, most_pairs
 
 _INTERIOR = 0.95
 """Pixels of which one piece covers at least this share tell a voxel's radiance; others mix surfaces."""
@@ -103,11 +103,8 @@ def check_room(mesh: Mesh, shards: list[FootprintSamples], settings: CacheSettin
     points = int(point_counts(mesh, side / settings.resolution / 3, center - side / 2, center + side / 2).sum())
     own = [samples.of_view(index) for samples in shards for index in range(len(samples.views))]
     largest = max((each.stop - each.start for each in own), default=0)
-    # a view shows as many records as its pixels cover; a pixel that is wider than they are shows one
-    pairs = sum(
-        float(np.minimum(1, (samples.footprint / (side / settings.resolution)) ** 2).sum()) for samples in shards
-    )
-    needed = _BYTES_A_POINT * points + _BYTES_A_SAMPLE * largest + int(BYTES_A_PAIR * pairs)
+    needed = _BYTES_A_POINT * points + _BYTES_A_SAMPLE * largest
+    needed += BYTES_A_PAIR * most_pairs(shards, side / settings.resolution)
     check_memory(needed, "the radiance cache", "use a smaller cache.resolution")
     check_disk(out.parent, _BYTES_ON_DISK * points, "the radiance cache")
 

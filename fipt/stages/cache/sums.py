@@ -1,18 +1,24 @@
-"""Sums of the cache: the radiance of records over all views, without what one view alone shows.
+"""Sums of the cache: the radiance of records over all views, without what few of their pixels show.
 
 Where the mesh lacks a part of a lamp, or has it a pixel beside its place, its pixels show the surface behind. There one
-view tells of a lamp that others do not see, twenty to two hundred times as bright as the surface.
+view tells of a lamp that others do not see, twenty to two hundred times as bright as the surface. Of a record that one
+view alone shows, nothing tells so.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from fipt.scene.samples import FootprintSamples
 
 _BRIGHTER = 5.0
 """Times what the views show of a record in the median, and the room's surface, above which a view shows something else.
 
 Highlights of polished surface stay below, lamps do not.
 """
+_SLANT = 2.5
+"""Records that a view shows, over those that its pixels cover across their rays: up to 2.3 on a floor."""
 BYTES_A_PAIR = 120
 """Of memory, for a view and a record that it shows: measured 101 with 4 million of them, 92 with 16."""
 
@@ -128,6 +134,11 @@ class Sums:
         np.add.at(self.weight, record, weight)
 
 
+def most_pairs(shards: Sequence[FootprintSamples], side: float) -> int:
+    """Views and records that they show, at most; ``side`` of the voxels, metres."""
+    return sum(int(np.minimum(1, _SLANT * (samples.footprint / side) ** 2).sum()) for samples in shards)
+
+
 def _shares(views: list[_Shown]) -> list[np.ndarray]:
     """(M,) share of its radiance that is kept of each record that a view shows, for each view.
 
@@ -146,8 +157,9 @@ def _shares(views: list[_Shown]) -> list[np.ndarray]:
     total = np.append(before[1:], upto[-1]) - before
     # the first whose weight, and those of the darker ones, is half of all
     at = np.searchsorted(upto, before + 0.5 * total * (1 - 1e-6))
+    at = np.clip(at, start, np.append(start[1:], len(record)) - 1)  # of weights below the rounding of the sum
     median = level[order][at]
-    usual = np.maximum(median, np.median(median))
+    usual = np.maximum(median, np.median(median[median > 0]) if (median > 0).any() else 0)
     most = np.empty(len(record))
     most[order] = _BRIGHTER * np.repeat(usual, np.diff(np.append(start, len(record))))
     share = np.minimum(most / np.maximum(level, 1e-12), 1)

@@ -67,6 +67,17 @@ def test_edge_pixels_count_only_where_nothing_better_is_known():
     assert result["source"][mixed] == mixed
 
 
+def test_a_lamp_that_the_mesh_lacks_does_not_light_what_is_behind_it():
+    """Three views show the place; one of them shows a lamp before it."""
+    at = [(0.01, 0, 0.01), (0.02, 0, 0.05), (0.1, 0, 0.1)]
+    place = np.float32([[*CORNERS, each] for each in at]).reshape(-1, 3)
+    samples = scenes.samples_of(place, views=("a", "b", "c"), shapes=[(1, 3)] * 3)
+    values = np.ones((9, 3), np.float32)
+    values[8] = 100
+    result = built(scenes.floor(), samples, values)
+    np.testing.assert_allclose(result["radiance"][record_at(result, at[0])], 7 / 3, rtol=1e-6)
+
+
 def two_floors():
     """A floor and a smaller plate 0.3 above it: two parts."""
     plate = scenes.floor(1.5)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fipt.stages.cache.sums import Sums
+from fipt.stages.cache.sums import Sums, most_pairs
+from tests import scenes
 
 MIXED = 1e-3
 ROOM = 100
@@ -57,6 +58,36 @@ def test_views_count_by_what_they_show():
 def test_clipped_pixels_of_a_lamp_are_cut_as_well():
     assert summed([1.0, 1.0, 100.0], clipped=[False, False, True]) == pytest.approx(7 / 3)
     assert summed([100.0, 90.0], clipped=[True, True]) == pytest.approx(100)  # a lamp: the highest bound
+
+
+def test_weights_that_the_sum_over_all_records_rounds_off():
+    sums = Sums(3, MIXED)
+    for value in (1.0, 1.0, 100.0):
+        radiance = np.float32([[50.0] * 3, [1.0] * 3, [value] * 3])
+        sums.add(np.arange(3), radiance, np.array([1e6, 1e6, 1e-11]), np.zeros(3, bool))
+    sums.finish()
+    np.testing.assert_allclose((sums.total / sums.weight[:, None])[:, 0], [50, 1, 7 / 3], rtol=1e-5)
+
+
+def test_black_rooms_do_not_make_all_surface_black():
+    sums = Sums(3, MIXED)
+    for value in (0.0, 0.0, 1.0):
+        radiance = np.float32([[value] * 3, [0.0] * 3, [1.0] * 3])
+        sums.add(np.arange(3), radiance, np.ones(3), np.zeros(3, bool))
+    sums.finish()
+    np.testing.assert_allclose((sums.total / sums.weight[:, None])[:, 0], [1 / 3, 0, 1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("side", [0.005, 0.02, 0.08])
+def test_memory_is_asked_for_as_many_records_as_a_view_shows(side):
+    """A camera 1.5 m above a floor, along which it looks."""
+    focal = 200
+    column, row = (grid.ravel() for grid in np.meshgrid(np.arange(-80, 80) + 0.5, np.arange(40, 120) + 0.5))
+    place = 1.5 / row[:, None] * np.column_stack([column, -row, np.full(row.shape, focal)])
+    width = (1.5 / row * np.sqrt(1 + (column**2 + row**2) / focal**2)).astype(np.float32)
+    samples = scenes.samples_of(place.astype(np.float32), footprint=width)
+    shown = len(np.unique(np.floor(place / side).astype(int), axis=0))
+    assert shown <= most_pairs([samples], side) <= 4 * shown
 
 
 def test_samples_without_weight_show_nothing():
