@@ -4,6 +4,7 @@ A record belongs to a voxel and to the axis that the surface faces there, so tha
 and the sill below it, do not lend each other their light.
 """
 
+import logging
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -17,6 +18,8 @@ from fipt.scene.samples import FootprintSamples, scene_box
 from fipt.scene.voxels import FACINGS, along_surface, facings, voxel_keys
 from fipt.stages.cache.settings import CacheSettings
 from fipt.stages.cache.sums import BYTES_A_PAIR, Sums, most_pairs
+
+log = logging.getLogger(__name__)
 
 _INTERIOR = 0.95
 """Pixels of which one piece covers at least this share tell a voxel's radiance; others mix surfaces."""
@@ -76,6 +79,7 @@ def build(
         found = unmixed(samples, index, islands, image, (valid > 0) & ~clipped)
         sums.add(record, *_unmixed_light(found, image[pixel], weight), clipped[pixel])
     sums.finish()
+    log.info("cache: %.1f %% of the light is left out: few of the pixels of its place show it", 100 * sums.cut)
     point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
     cache = {
         "center": center,

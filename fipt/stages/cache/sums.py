@@ -84,11 +84,14 @@ class Sums:
         (K,) pixels that the records fill.
     seen
         (K,) bool, whether a valid pixel shows the record.
+    cut
+        Share of the radiance of all pixels that is something else's, and left out: after `finish`.
     """
 
     def __init__(self, size: int, mixed: float) -> None:
         self.total, self.weight, self.count = np.zeros((size, 3)), np.zeros(size), np.zeros(size)
         self.seen = np.zeros(size, bool)
+        self.cut = 0.0
         self._mixed = mixed
         self._views: list[_Shown] = []
 
@@ -108,6 +111,9 @@ class Sums:
             self.weight[view.record] += view.weight
             self.total[view.record] += share[:, None] * view.total
         self._add_bounds(shares)
+        light = [view.shown * view.level for view in self._views]
+        left_out = sum(float(((1 - share) * each).sum()) for share, each in zip(shares, light, strict=True))
+        self.cut = left_out / max(sum(float(each.sum()) for each in light), 1e-12)
         self._views = []
 
     def _add_bounds(self, shares: list[np.ndarray]) -> None:

@@ -25,6 +25,7 @@ def summed(views, weights=None, clipped=None):
     sums.finish()
     mean = sums.total / sums.weight[:, None]
     np.testing.assert_allclose(mean[1:], 1.0)
+    assert 0 <= sums.cut < 1
     return mean[0, 0]
 
 
@@ -33,6 +34,14 @@ def test_a_lamp_that_one_view_shows_behind_its_mesh_is_cut(dark):
     usual = max(dark, 1.0)  # the room's surface is as bright as 1
     assert summed([dark, dark, 100.0]) == pytest.approx((2 * dark + 5 * usual) / 3)
     assert summed([100.0, dark]) == pytest.approx((dark + 5 * usual) / 2)
+
+
+def test_what_is_cut_is_told():
+    sums = Sums(2, MIXED)
+    for value in (1.0, 1.0, 17.0):
+        sums.add(np.arange(2), np.float32([[1.0] * 3, [value] * 3]), np.ones(2), np.zeros(2, bool))
+    sums.finish()
+    assert sums.cut == pytest.approx(12 / 22)
 
 
 def test_what_most_views_show_stays():
