@@ -86,6 +86,8 @@ class _Shown:
         (M,) float32 radiance of all of its samples, mean of the channels; a clipped one counts as its bound.
     weight, total
         (M,) and (M, 3) float32 weight of its samples that are not clipped, and their radiance times weight.
+    bound
+        (M,) bool: whether most of that is clipped.
     filled
         (M,) bool: whether a sample fills a pixel.
     beside
@@ -99,6 +101,7 @@ class _Shown:
     level: np.ndarray
     weight: np.ndarray
     total: np.ndarray
+    bound: np.ndarray
     filled: np.ndarray
     beside: np.ndarray
     bounds: tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -111,15 +114,17 @@ class _Shown:
         shown = np.bincount(place, weight, len(own))
         measured = weight * ~clipped
         total = np.stack([np.bincount(place, measured * column, len(own)) for column in radiance.T], axis=1)
+        known = np.bincount(place, measured, len(own))
         return cls(
             record=own,
             shown=shown.astype(np.float32),
             level=(np.bincount(place, weight * radiance.mean(axis=1), len(own)) / shown).astype(np.float32),
-            weight=np.bincount(place, measured, len(own)).astype(np.float32),
+            weight=known.astype(np.float32),
             total=total.astype(np.float32),
+            bound=known < 0.5 * shown,
             filled=np.bincount(place, weight > mixed, len(own)) > 0,
             beside=np.bincount(place, weight * samples.beside, len(own)) > 0.5 * shown,
-            bounds=(place[clipped], radiance[clipped], weight[clipped]),
+            bounds=(place[clipped], radiance[clipped].astype(np.float32), weight[clipped].astype(np.float32)),
         )
 
 
@@ -171,7 +176,7 @@ class Sums:
         light = [view.shown * view.level for view in self._views]
         left_out = sum(float(((1 - share) * each).sum()) for share, each in zip(shares, light, strict=True))
         self.cut = left_out / max(sum(float(each.sum()) for each in light), 1e-12)
-        log.info("cache: %.1f %% of the light is left out: few of the pixels of its place show it", 100 * self.cut)
+        log.info("cache: %.1f %% of the light is left out: most views do not show it there", 100 * self.cut)
         self._views = []
 
     def _add_bounds(self, shares: list[np.ndarray]) -> None:
@@ -199,35 +204,40 @@ class Sums:
 
 
 def most_pairs(shards: Sequence[FootprintSamples], side: float) -> int:
-    """Views and records that they show, at most; ``side`` of the voxels, metres."""
+    """About how many records all views show, one by one; ``side`` of the voxels, metres."""
     return sum(int(np.minimum(1, _SLANT * (samples.footprint / side) ** 2).sum()) for samples in shards)
 
 
 def _shares(views: list[_Shown], around: np.ndarray) -> list[np.ndarray]:
     """(M,) share of its radiance that is kept of each record that a view shows, for each view.
 
-    Of two views that show as much of a record the darker one is the median; but surface that is no brighter than the
-    room's is not cut, since something dark may be missing as well.
+    Of two views that show as much of a record the darker one is the median; but nothing is cut below what the room's
+    surface has, since something dark may be missing as well. What is clipped may be as bright as anything.
     """
-    names = ("record", "level", "shown", "filled", "beside")
-    record, level, shown, filled, beside = (np.concatenate([getattr(view, name) for view in views]) for name in names)
+    names = ("record", "level", "shown", "bound", "filled", "beside")
+    record, level, shown, bound, filled, beside = (
+        np.concatenate([getattr(view, name) for view in views]) for name in names
+    )
     if len(record) == 0:
         return [np.ones(0) for _ in views]
-    number, median = _medians(record, level, shown)
-    room = np.median(median[median > 0]) if (median > 0).any() else 0.0
+    possible = np.where(bound, np.inf, level)
+    number, median = _medians(record, possible, shown)
+    lit = median[(median > 0) & np.isfinite(median)]
+    room = np.median(lit) if len(lit) else 0.0
     usual = np.maximum(median, room)[np.searchsorted(number, record)]
     share = np.minimum(_BRIGHTER * usual / np.maximum(level, 1e-12), 1)
     # what is beside something nearer is compared with the brightest that each view shows around it
     view = np.repeat(np.arange(len(views)), [len(each.record) for each in views])
     cell, place = np.unique(around[record] * len(views) + view, return_inverse=True)
-    brightest, known = np.zeros(len(cell), np.float32), np.zeros(len(cell), bool)
-    np.maximum.at(brightest, place[filled], level[filled])
-    known[place[filled]] = True
+    brightest = np.full(len(cell), -np.inf)
+    np.maximum.at(brightest, place[filled], possible[filled])
+    known = brightest >= 0
     number, median = _medians(cell[known] // len(views), brightest[known], np.ones(int(known.sum())))
-    at = np.minimum(np.searchsorted(number, around[record]), max(len(number) - 1, 0))
-    compared = beside & (number[at] == around[record]) if len(number) else np.zeros(len(record), bool)
-    usual = median[at] if len(number) else level
-    stranger = compared & (level > _BRIGHTER * np.maximum(usual, room))
+    usual = np.full(len(record), np.inf)
+    if len(number):
+        at = np.minimum(np.searchsorted(number, around[record]), len(number) - 1)
+        usual = np.where(number[at] == around[record], np.maximum(median[at], room), np.inf)
+    stranger = beside & (level > _BRIGHTER * usual)
     share = np.where(stranger, np.minimum(share, usual / np.maximum(level, 1e-12)), share)
     return np.split(share, np.cumsum([len(view.record) for view in views])[:-1])
 

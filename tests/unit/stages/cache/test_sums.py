@@ -48,6 +48,7 @@ def around(values, beside, cells=(0, 0, 0)):
 
 def test_beside_something_nearer_other_views_around_tell():
     np.testing.assert_allclose(around([1.0, 2.0, 100.0], beside=True), [1, 2, 2])
+    np.testing.assert_allclose(around([0.01, 1.0, 2.0, 100.0], beside=True, cells=(0, 1, 2, 0)), [0.01, 1, 2, 1.5])
     np.testing.assert_allclose(around([1.0, 2.0, 100.0], beside=False), [1, 2, 100])  # a spot in a ceiling
     np.testing.assert_allclose(around([1.0, 2.0, 100.0], beside=True, cells=(0, 0, 1)), [1, 2, 100])  # nobody tells
     np.testing.assert_allclose(around([90.0, 1.0, 100.0], beside=True), [90, 1, 100])  # a lamp behind a bar
@@ -92,6 +93,11 @@ def test_views_count_by_what_they_show():
 def test_clipped_pixels_of_a_lamp_are_cut_as_well():
     assert summed([1.0, 1.0, 100.0], clipped=[False, False, True]) == pytest.approx(7 / 3)
     assert summed([100.0, 90.0], clipped=[True, True]) == pytest.approx(100)  # a lamp: the highest bound
+
+
+def test_clipped_pixels_do_not_tell_that_a_surface_is_dark():
+    assert summed([2.0, 2.0, 100.0], clipped=[True, True, False]) == pytest.approx(100)
+    assert summed([2.0, 2.0, 100.0], clipped=[True, True, True]) == pytest.approx(100)
 
 
 def test_weights_that_the_sum_over_all_records_rounds_off():
