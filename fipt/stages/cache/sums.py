@@ -182,8 +182,8 @@ def most_pairs(shards: Sequence[FootprintSamples], side: float) -> int:
 def _shares(views: list[_Shown]) -> list[np.ndarray]:
     """(M,) share of its radiance that is kept of each record that a view shows, for each view.
 
-    Of two views that show as much of a record the darker one is the median; but nothing is cut below what the room's
-    surface has, since something dark may be missing as well. What is clipped may be as bright as anything.
+    Of two views that show as much of a record the darker one is the median; but nothing is cut below `_BRIGHTER` times
+    the room's surface, since something dark may be missing as well. What is clipped may be as bright as anything.
     """
     names = ("record", "level", "shown", "bound")
     record, level, shown, bound = (np.concatenate([getattr(view, name) for view in views]) for name in names)
