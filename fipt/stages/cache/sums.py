@@ -1,8 +1,8 @@
 """Sums of the cache: the radiance of records over all views, without what few of their pixels show.
 
 Where the mesh lacks a part of a lamp, or has it a pixel beside its place, its pixels show the surface behind. There one
-view tells of a lamp that others do not see, twenty to two hundred times as bright as the surface. Of a record that one
-view alone shows, nothing tells so.
+view tells of a lamp that others do not see, twenty to two hundred times as bright as the surface. Where no other view
+shows the record, others show what is around it; then the lamp tells itself, too: the pixel is beside something nearer.
 """
 
 import logging
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import minimum_filter
 
 from fipt.scene.samples import FootprintSamples
 
@@ -22,8 +23,10 @@ Highlights of polished surface stay below, lamps do not.
 """
 _SLANT = 2.5
 """Records that a view shows, over those that its pixels cover across their rays: up to 2.3 on a floor."""
-BYTES_A_PAIR = 120
-"""Of memory, for a view and a record that it shows: measured 93 with 4 million of them, 89 with 12."""
+_NEARER = 0.1
+"""Share of the distance by which something before a surface is nearer."""
+BYTES_A_PAIR = 150
+"""Of memory, for a view and a record that it shows: measured 126 with 4 million of them, 124 with 12."""
 
 
 @dataclass(frozen=True)
@@ -40,16 +43,33 @@ class Samples:
         (N,).
     clipped
         (N,) bool: the radiance is only a lower bound.
+    beside
+        (N,) bool: the pixel, or one of the eight around it, shows something nearer (`beside_nearer`).
     """
 
     record: np.ndarray
     radiance: np.ndarray
     weight: np.ndarray
     clipped: np.ndarray
+    beside: np.ndarray
 
     def chosen(self, rows: np.ndarray) -> "Samples":
         """Those of ``rows`` (N,) bool."""
         return Samples(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
+def beside_nearer(samples: FootprintSamples, index: int) -> np.ndarray:
+    """(N,) bool: samples of a view beside which a pixel shows something nearer.
+
+    A pixel is as wide as it is far, so that widths tell.
+    """
+    width = np.asarray(samples.footprint[samples.of_view(index)])
+    height, columns = samples.shapes[index]
+    pixel = samples.pixel_of_sample(index)
+    nearest = np.full(height * columns, np.inf)
+    np.minimum.at(nearest, pixel, width)
+    nearest = minimum_filter(nearest.reshape(height, columns), 3, mode="nearest").ravel()
+    return width - nearest[pixel] > _NEARER * width
 
 
 @dataclass(frozen=True)
@@ -68,6 +88,10 @@ class _Shown:
         (M,) and (M, 3) float32 weight of its samples that are not clipped, and their radiance times weight.
     bound
         (M,) bool: whether most of that is clipped.
+    filled
+        (M,) bool: whether a sample fills a pixel.
+    beside
+        (M,) bool: whether most of what it shows is beside something nearer.
     bounds
         Of the clipped samples (B,) the place among the M, radiance (B, 3) and weight.
     """
@@ -78,11 +102,13 @@ class _Shown:
     weight: np.ndarray
     total: np.ndarray
     bound: np.ndarray
+    filled: np.ndarray
+    beside: np.ndarray
     bounds: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     @classmethod
-    def of(cls, samples: Samples) -> "_Shown":
-        """Gather samples."""
+    def of(cls, samples: Samples, mixed: float) -> "_Shown":
+        """Gather samples; those of more weight than ``mixed`` fill their pixels."""
         own, place = np.unique(samples.record, return_inverse=True)
         weight, radiance, clipped = samples.weight, samples.radiance, samples.clipped
         shown = np.bincount(place, weight, len(own))
@@ -96,6 +122,8 @@ class _Shown:
             weight=known.astype(np.float32),
             total=total.astype(np.float32),
             bound=known < 0.5 * shown,
+            filled=np.bincount(place, weight > mixed, len(own)) > 0,
+            beside=np.bincount(place, weight * samples.beside, len(own)) > 0.5 * shown,
             bounds=(place[clipped], radiance[clipped].astype(np.float32), weight[clipped].astype(np.float32)),
         )
 
@@ -105,8 +133,8 @@ class Sums:
 
     Parameters
     ----------
-    size
-        K.
+    around
+        (K,) int64 number of the cell of some centimetres that each record is in: others in it tell of the same surface.
     mixed
         Weight up to which a sample does not count as a pixel that its record fills.
 
@@ -122,7 +150,8 @@ class Sums:
         Share of the radiance of all pixels that is something else's, and left out: after `finish`.
     """
 
-    def __init__(self, size: int, mixed: float) -> None:
+    def __init__(self, around: np.ndarray, mixed: float) -> None:
+        size, self._around = len(around), around
         self.total, self.weight, self.count = np.zeros((size, 3)), np.zeros(size), np.zeros(size)
         self.seen = np.zeros(size, bool)
         self.cut = 0.0
@@ -134,11 +163,11 @@ class Sums:
         samples = samples.chosen(samples.weight > 0)
         self.seen[samples.record] = True
         np.add.at(self.count, samples.record, samples.weight * (samples.weight > self._mixed))
-        self._views.append(_Shown.of(samples))
+        self._views.append(_Shown.of(samples, self._mixed))
 
     def finish(self) -> None:
         """Sum over all views, each cut where it shows something else."""
-        shares = _shares(self._views)
+        shares = _shares(self._views, self._around)
         # view by view, so that the sums do not depend on how the views are cut into shards
         for view, share in zip(self._views, shares, strict=True):
             self.weight[view.record] += view.weight
@@ -179,21 +208,37 @@ def most_pairs(shards: Sequence[FootprintSamples], side: float) -> int:
     return sum(int(np.minimum(1, _SLANT * (samples.footprint / side) ** 2).sum()) for samples in shards)
 
 
-def _shares(views: list[_Shown]) -> list[np.ndarray]:
+def _shares(views: list[_Shown], around: np.ndarray) -> list[np.ndarray]:
     """(M,) share of its radiance that is kept of each record that a view shows, for each view.
 
-    Of two views that show as much of a record the darker one is the median; but nothing is cut below `_BRIGHTER` times
-    the room's surface, since something dark may be missing as well. What is clipped may be as bright as anything.
+    Of two views that show as much of a record the darker one is the median; but nothing is cut below what the room's
+    surface has, since something dark may be missing as well. What is clipped may be as bright as anything.
     """
-    names = ("record", "level", "shown", "bound")
-    record, level, shown, bound = (np.concatenate([getattr(view, name) for view in views]) for name in names)
+    names = ("record", "level", "shown", "bound", "filled", "beside")
+    record, level, shown, bound, filled, beside = (
+        np.concatenate([getattr(view, name) for view in views]) for name in names
+    )
     if len(record) == 0:
         return [np.ones(0) for _ in views]
-    number, median = _medians(record, np.where(bound, np.inf, level), shown)
+    possible = np.where(bound, np.inf, level)
+    number, median = _medians(record, possible, shown)
     lit = median[(median > 0) & np.isfinite(median)]
     room = np.median(lit) if len(lit) else 0.0
     usual = np.maximum(median, room)[np.searchsorted(number, record)]
     share = np.minimum(_BRIGHTER * usual / np.maximum(level, 1e-12), 1)
+    # what is beside something nearer is compared with the brightest that each view shows around it
+    view = np.repeat(np.arange(len(views)), [len(each.record) for each in views])
+    cell, place = np.unique(around[record] * len(views) + view, return_inverse=True)
+    brightest = np.full(len(cell), -np.inf)
+    np.maximum.at(brightest, place[filled], possible[filled])
+    known = brightest >= 0
+    number, median = _medians(cell[known] // len(views), brightest[known], np.ones(int(known.sum())))
+    usual = np.full(len(record), np.inf)
+    if len(number):
+        at = np.minimum(np.searchsorted(number, around[record]), len(number) - 1)
+        usual = np.where(number[at] == around[record], np.maximum(median[at], room), np.inf)
+    stranger = beside & (level > _BRIGHTER * usual)
+    share = np.where(stranger, np.minimum(share, usual / np.maximum(level, 1e-12)), share)
     return np.split(share, np.cumsum([len(view.record) for view in views])[:-1])
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fipt.stages.cache.sums import Samples, Sums, most_pairs
+from fipt.stages.cache.sums import Samples, Sums, beside_nearer, most_pairs
 from tests import scenes
 
 MIXED = 1e-3
@@ -11,9 +11,9 @@ ROOM = 100
 """Records of surface beside the one that is asked, of radiance 1."""
 
 
-def summed(views, weights=None, clipped=None):
-    """Mean radiance of record 0, of which each view shows one sample of a radiance."""
-    sums = Sums(ROOM + 1, MIXED)
+def summed(views, weights=None, clipped=None, beside=False):
+    """Mean radiance of record 0, of which each view shows one sample of a radiance; all others are elsewhere."""
+    sums = Sums(np.arange(ROOM + 1), MIXED)
     for index, value in enumerate(views):
         radiance = np.ones((ROOM + 1, 3), np.float32)
         radiance[0] = value
@@ -21,7 +21,7 @@ def summed(views, weights=None, clipped=None):
         weight[0] = 1.0 if weights is None else weights[index]
         bound = np.zeros(ROOM + 1, bool)
         bound[0] = clipped is not None and clipped[index]
-        sums.add(Samples(np.arange(ROOM + 1), radiance, weight, bound))
+        sums.add(Samples(np.arange(ROOM + 1), radiance, weight, bound, np.full(ROOM + 1, beside)))
     sums.finish()
     mean = sums.total / sums.weight[:, None]
     np.testing.assert_allclose(mean[1:], 1.0)
@@ -36,10 +36,36 @@ def test_a_lamp_that_one_view_shows_behind_its_mesh_is_cut(dark):
     assert summed([100.0, dark]) == pytest.approx((dark + 5 * usual) / 2)
 
 
+def around(values, beside, cells=(0, 0, 0)):
+    """Radiance of records that one view each shows."""
+    sums = Sums(np.array(cells), MIXED)
+    for record, value in enumerate(values):
+        sample = np.array([record]), np.full((1, 3), value, np.float32), np.ones(1), np.zeros(1, bool)
+        sums.add(Samples(*sample, np.array([beside])))
+    sums.finish()
+    return (sums.total / sums.weight[:, None])[:, 0]
+
+
+def test_beside_something_nearer_other_views_around_tell():
+    np.testing.assert_allclose(around([1.0, 2.0, 100.0], beside=True), [1, 2, 2])
+    np.testing.assert_allclose(around([0.01, 1.0, 2.0, 100.0], beside=True, cells=(0, 1, 2, 0)), [0.01, 1, 2, 1.5])
+    np.testing.assert_allclose(around([1.0, 2.0, 100.0], beside=False), [1, 2, 100])  # a spot in a ceiling
+    np.testing.assert_allclose(around([1.0, 2.0, 100.0], beside=True, cells=(0, 0, 1)), [1, 2, 100])  # nobody tells
+    np.testing.assert_allclose(around([90.0, 1.0, 100.0], beside=True), [90, 1, 100])  # a lamp behind a bar
+
+
+def test_what_is_beside_something_nearer():
+    """Two rows of four pixels: a wall 4 m away, before which the first pixel shows a bulb."""
+    width = np.full(8, 0.04, np.float32)
+    width[0] = 0.02
+    samples = scenes.samples_of(np.zeros((8, 3), np.float32), shapes=[(2, 4)], footprint=width)
+    np.testing.assert_array_equal(beside_nearer(samples, 0), [0, 1, 0, 0, 1, 1, 0, 0])
+
+
 def test_what_is_cut_is_told():
-    sums = Sums(2, MIXED)
+    sums = Sums(np.arange(2), MIXED)
     for value in (1.0, 1.0, 17.0):
-        sums.add(Samples(np.arange(2), np.float32([[1.0] * 3, [value] * 3]), np.ones(2), np.zeros(2, bool)))
+        sums.add(Samples(np.arange(2), np.float32([[1.0] * 3, [value] * 3]), np.ones(2), *np.zeros((2, 2), bool)))
     sums.finish()
     assert sums.cut == pytest.approx(12 / 22)
 
@@ -75,19 +101,19 @@ def test_clipped_pixels_do_not_tell_that_a_surface_is_dark():
 
 
 def test_weights_that_the_sum_over_all_records_rounds_off():
-    sums = Sums(3, MIXED)
+    sums = Sums(np.arange(3), MIXED)
     for value in (1.0, 1.0, 100.0):
         radiance = np.float32([[50.0] * 3, [1.0] * 3, [value] * 3])
-        sums.add(Samples(np.arange(3), radiance, np.array([1e6, 1e6, 1e-11]), np.zeros(3, bool)))
+        sums.add(Samples(np.arange(3), radiance, np.array([1e6, 1e6, 1e-11]), *np.zeros((2, 3), bool)))
     sums.finish()
     np.testing.assert_allclose((sums.total / sums.weight[:, None])[:, 0], [50, 1, 7 / 3], rtol=1e-5)
 
 
 def test_black_rooms_do_not_make_all_surface_black():
-    sums = Sums(3, MIXED)
+    sums = Sums(np.arange(3), MIXED)
     for value in (0.0, 0.0, 1.0):
         radiance = np.float32([[value] * 3, [0.0] * 3, [1.0] * 3])
-        sums.add(Samples(np.arange(3), radiance, np.ones(3), np.zeros(3, bool)))
+        sums.add(Samples(np.arange(3), radiance, np.ones(3), *np.zeros((2, 3), bool)))
     sums.finish()
     np.testing.assert_allclose((sums.total / sums.weight[:, None])[:, 0], [1 / 3, 0, 1], rtol=1e-6)
 
@@ -105,15 +131,15 @@ def test_memory_is_asked_for_as_many_records_as_a_view_shows(side):
 
 
 def test_samples_without_weight_show_nothing():
-    sums = Sums(2, MIXED)
-    sums.add(Samples(np.array([0, 1]), np.ones((2, 3), np.float32), np.array([1.0, 0.0]), np.zeros(2, bool)))
+    sums = Sums(np.arange(2), MIXED)
+    sums.add(Samples(np.array([0, 1]), np.ones((2, 3), np.float32), np.array([1.0, 0.0]), *np.zeros((2, 2), bool)))
     sums.finish()
     np.testing.assert_array_equal(sums.seen, [True, False])
     np.testing.assert_array_equal(sums.weight, [1, 0])
 
 
 def test_a_room_that_no_pixel_shows():
-    sums = Sums(2, MIXED)
-    sums.add(Samples(np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0), np.zeros(0, bool)))
+    sums = Sums(np.arange(2), MIXED)
+    sums.add(Samples(np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0), *np.zeros((2, 0), bool)))
     sums.finish()
     assert not sums.weight.any()
