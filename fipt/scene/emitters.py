@@ -105,6 +105,9 @@ class Emitters:
         (E,) bool: no view shows it; it explains the light of what views show, or has the shape of an emitter.
     spread
         (E,) float32 relative standard deviation of the power that was guessed with it; 0 where it is measured.
+    raised
+        (E,) float32 share by which its radiance is above what views show, since it lights its surroundings that much
+        more than its surface in the mesh would; 0 as a rule.
     """
 
     triangle: np.ndarray
@@ -120,6 +123,7 @@ class Emitters:
     undecided: Undecided = field(default_factory=Undecided.none)
     guessed: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
     spread: np.ndarray = field(default_factory=lambda: np.empty(0, np.float32))
+    raised: np.ndarray = field(default_factory=lambda: np.empty(0, np.float32))
 
     def __post_init__(self) -> None:
         count = len(self.triangle)
@@ -128,6 +132,7 @@ class Emitters:
             ("error", np.zeros((count, 3), np.float32)),  # measured, nobody knows how well
             ("guessed", np.zeros(count, bool)),
             ("spread", np.zeros(count, np.float32)),
+            ("raised", np.zeros(count, np.float32)),
         ):
             given = len(getattr(self, name))
             if given not in (0, count):
@@ -193,11 +198,12 @@ _ARRAYS = (
     "error",
     "guessed",
     "spread",
+    "raised",
 )
 _UNDECIDED = ("triangle", "region", "reflects", "emits", "price")
 _FORMS = {
     **dict.fromkeys(("triangle", "emitter", "views", "sides"), "number E"),
-    **dict.fromkeys(("area", "spread"), "amount E"),
+    **dict.fromkeys(("area", "spread", "raised"), "amount E"),
     **dict.fromkeys(("confidence", "clipped"), "share E"),
     **dict.fromkeys(("lower_bound", "guessed"), "bool E"),
     "radiance": "amount E 3",
@@ -237,7 +243,8 @@ def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
 
     Power is the flux of a Lambertian emitter, of each channel, from the sides that shine; ``sides`` is how many do, as
     the mean over its area. ``share`` is that of the mean of the channels in the power of all emitters. ``spread`` is
-    the relative standard deviation of the power of all that is ``guessed``.
+    the relative standard deviation of the power of all that is ``guessed``; ``raised`` the share of the radiance that
+    comes beside what views show, as what the emitter lights tells.
     """
     rows = []
     both = emitters.sides == BOTH
@@ -265,6 +272,7 @@ def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
                 "lower_bound": bool(emitters.lower_bound[own].any()),
                 "guessed": bool(emitters.guessed[own].any()),
                 "spread": float(emitters.spread[own].max()),
+                "raised": float(emitters.raised[own].max()),
             }
         )
     total = sum(sum(row["power"]) for row in rows)

@@ -150,6 +150,11 @@ def _gathered(kept: np.ndarray, block: np.ndarray, columns: tuple[np.ndarray, ..
     return Blocks(position[chosen], normal[chosen], np.exp(mean), spread, group[first], triangle[chosen[:, 0]])
 
 
+def spacing(place: np.ndarray) -> float:
+    """Metres from a block to its fourth neighbour, in the median of the places (N, 3)."""
+    return float(np.median(cKDTree(place).query(place, k=[min(5, len(place))])[0]))
+
+
 def errors_alike(residual: np.ndarray, place: np.ndarray) -> float:
     """How many blocks err as one: 1 + the sum of the correlations with a block's neighbours.
 
@@ -157,6 +162,5 @@ def errors_alike(residual: np.ndarray, place: np.ndarray) -> float:
     """
     z = np.clip(residual, -2, 2)
     z = z - z.mean()
-    reach = 3 * float(np.median(cKDTree(place).query(place, k=[min(5, len(place))])[0]))
-    a, b = cKDTree(place).query_pairs(reach, output_type="ndarray").T
+    a, b = cKDTree(place).query_pairs(3 * spacing(place), output_type="ndarray").T
     return max(1.0, float(1 + 2 * (z[a] * z[b]).sum() / max((z * z).sum(), 1e-12)))

@@ -26,7 +26,7 @@ FILES: dict[str, tuple[dict[str, Any], Callable[[Path], object]]] = {
     "emitters": (
         {
             **dict.fromkeys(("triangle", "emitter", "views"), ROWS),
-            **dict.fromkeys(("area", "confidence", "clipped", "spread"), ONES),
+            **dict.fromkeys(("area", "confidence", "clipped", "spread", "raised"), ONES),
             **{name: np.zeros(N, bool) for name in ("lower_bound", "guessed")},
             **{f"undecided_{name}": ROWS for name in ("triangle", "region", "reflects", "emits", "price")},
             "radiance": np.ones((N, 3)), "error": np.ones((N, 3)), "sides": ROWS % 3 + 1,

@@ -57,6 +57,14 @@ class Extracted:
     emitters: Emitters
     doubtful: Undecided
 
+    @property
+    def in_doubt(self) -> np.ndarray:
+        """(E,) bool: triangles of emitters of which more than half of the power is doubtful; a rim is not."""
+        found = self.emitters
+        power = found.area * found.radiance.mean(axis=1)
+        asked = np.isin(found.triangle, self.doubtful.triangle)
+        return (2 * np.bincount(found.emitter, power * asked) > np.bincount(found.emitter, power))[found.emitter]
+
 
 def extract(
     mesh: Mesh,

@@ -33,7 +33,8 @@ class EmittersSettings(Settings):
     guess: bool = Field(
         default=True,
         description="unseen surface emits what explains the photographs, where seen emitters do not and it is told; "
-        "with `complete` unseen pieces of an emitter's shape emit as it does, too",
+        "with `complete` unseen pieces of an emitter's shape emit as it does, too; small lamps are as bright as what "
+        "they light",
     )
 
 

@@ -156,6 +156,7 @@ def _guessed(
     from fipt.scene.environment import read_environment
     from fipt.scene.review import numbers
     from fipt.scene.voxels import read_cache
+    from fipt.stages.emitters.clusters import with_what_they_light
     from fipt.stages.emitters.emitter_copies import copied
     from fipt.stages.emitters.unseen_guess import with_guess
 
@@ -164,15 +165,19 @@ def _guessed(
     for text in decided.reject:
         rejected[sorted(numbers(text, len(rejected)))] = True
     outside = read_environment(inputs.environment)
-    before = np.full(len(mesh.triangles), -1)
+    before, raised = np.full(len(mesh.triangles), -1), np.zeros(len(mesh.triangles), bool)
     if inputs.previous is not None:
         last = read_emitters(inputs.previous, mesh)
+        raised[last.triangle] = last.raised > 0
         own = last.guessed & ~copied(mesh, last)  # copies of lamps are guessed anew, and ask for nothing
         before[last.triangle[own]] = last.emitter[own]
     change = read_change(inputs.shading)
     asked = change is not None and change.light_missing
-    guessed = with_guess(mesh, shards, extracted, read_cache(inputs.cache), outside, rejected, before, asked)
-    return guessed.emitters, guessed.warnings, dict(guessed.figures)
+    cache = read_cache(inputs.cache)
+    found, brighter = with_what_they_light(mesh, shards, extracted, cache, outside, raised)
+    guessed = with_guess(mesh, shards, replace(extracted, emitters=found), cache, outside, rejected, before, asked)
+    figures = {"raised": len(np.unique(found.emitter[found.raised > 0])), **guessed.figures}
+    return guessed.emitters, (*brighter, *guessed.warnings), figures
 
 
 def questions_in_words(regions: "Sequence[dict[str, Any]]") -> list[str]:

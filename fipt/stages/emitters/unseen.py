@@ -31,6 +31,8 @@ _RAYS = 512
 """Rays from a block: the standard error of its seen light is then 1 / sqrt(512) of the spread of what it sees, 4 %."""
 _TO_EMITTERS = 0.25
 """Rays to points of emitters for each ray of the cosine lobe, which hardly meets a small one."""
+_LEAST_ODDS = 0.1
+"""Of a ray to a point of an emitter, against the cosine lobe: near points of a large one would make noise."""
 _PATCH_POINTS = 4
 """Points of a patch at which light arrives, and from which it leaves."""
 _SMALL_POINTS = 16
@@ -115,7 +117,7 @@ class Lights:
         self.emitted[found.triangle] = found.radiance
         self.sides = np.zeros(len(mesh.triangles), np.int8)
         self.sides[found.triangle] = found.sides
-        power = found.area * found.radiance.mean(axis=1)
+        power = found.area.astype(np.float64) * found.radiance.mean(axis=1)
         self.emitters = found.triangle[power > 0]
         self._upto = np.cumsum(power[power > 0])
         self._chance = np.zeros(len(mesh.triangles))  # of a point of an emitter, for each square metre
@@ -167,8 +169,35 @@ class Lights:
         self, position: np.ndarray, normal: np.ndarray, aimed: int, count: int, rng: np.random.Generator
     ) -> np.ndarray:
         """(N, 3) irradiance over pi that ``aimed`` rays to emitters bring, beside ``count`` of the cosine lobe."""
-        p, n = np.repeat(position, aimed, axis=0), np.repeat(normal, aimed, axis=0)
-        chosen = self.emitters[np.searchsorted(self._upto, rng.random(len(p)) * self._upto[-1], side="right")]
+        rays = len(position) * aimed
+        chosen = self.emitters[np.searchsorted(self._upto, rng.random(rays) * self._upto[-1], side="right")]
+        odds, radiance = self._toward(position, normal, chosen, rng)
+        # of cosine lobe to all, times 1 / density
+        share = np.where(odds > 0, aimed / (count + aimed * odds), 0)
+        return (share[:, None] * radiance).reshape(len(position), aimed, 3).mean(axis=1)
+
+    def straight(self, position: np.ndarray, normal: np.ndarray, triangles: np.ndarray, count: int) -> np.ndarray:
+        """(N, 3) irradiance over pi that comes straight from emitting triangles, by ``count`` rays to them each."""
+        rng = np.random.default_rng(3)
+        rows = np.flatnonzero(np.isin(self.emitters, triangles))
+        power = np.diff(self._upto, prepend=0)[rows]
+        if power.sum() <= 0:
+            return np.zeros(position.shape)
+        chosen = self.emitters[rng.choice(rows, len(position) * count, p=power / power.sum())]
+        odds, radiance = self._toward(position, normal, chosen, rng)
+        odds *= self._upto[-1] / power.sum()  # these rays are this much denser
+        share = np.where(odds > 0, 1 / np.maximum(odds, _LEAST_ODDS), 0)
+        return (share[:, None] * radiance).reshape(len(position), count, 3).mean(axis=1)
+
+    def _toward(
+        self, position: np.ndarray, normal: np.ndarray, chosen: np.ndarray, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Rays to points of ``chosen`` emitting triangles (R,), as many from each position.
+
+        Their odds (`_odds`), 0 where something is between, and the radiance (R, 3) that comes along.
+        """
+        each = len(chosen) // len(position)
+        p, n = np.repeat(position, each, axis=0), np.repeat(normal, each, axis=0)
         points = points_of(self.mesh.corners[chosen], *rng.random((2, len(p))))
         origin = (p + self.scene.epsilon * n).astype(np.float32)
         away = points - origin
@@ -177,12 +206,7 @@ class Lights:
         cos = (direction * n).sum(axis=1)
         met, triangle = self.scene.intersect(origin, direction)
         free = (cos > 0) & ((triangle == chosen) | (met >= distance * (1 - 1e-3)))
-        odds = self._odds(direction, cos, distance, chosen)
-        share = np.where(
-            free & (odds > 0), aimed / (count + aimed * odds), 0
-        )  # of cosine lobe to all, times 1 / density
-        radiance = share[:, None] * self._emitted(chosen, -direction)
-        return radiance.reshape(len(position), aimed, 3).mean(axis=1)
+        return free * self._odds(direction, cos, distance, chosen), self._emitted(chosen, -direction)
 
     def _found(
         self, origin: np.ndarray, direction: np.ndarray, distance: np.ndarray, triangle: np.ndarray

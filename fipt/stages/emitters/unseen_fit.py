@@ -17,10 +17,8 @@ and on the prior of the reflectances.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.sparse import csr_matrix
 
-from fipt.robust import deviation
 from fipt.scene.surface_blocks import (
     ABOVE,
     FREEDOM,
@@ -33,6 +31,7 @@ from fipt.scene.surface_blocks import (
     Blocks,
     errors_alike,
 )
+from fipt.stages.emitters.reflectance_fit import Minimum, Problem, minimum, most_given
 from fipt.stages.emitters.unseen import Transport
 from fipt.stages.emitters.unseen_surface import Patches
 
@@ -104,44 +103,6 @@ class Start:
     errors: tuple[float, float]
 
 
-@dataclass(frozen=True)
-class _Problem:
-    """N blocks in G groups, P patches; one channel.
-
-    ``log_color`` (N,), ``seen`` (N,), ``unseen`` (N, P), ``group`` (N,), ``sigma``, ``tau``.
-    """
-
-    log_color: np.ndarray
-    seen: np.ndarray
-    unseen: np.ndarray
-    group: np.ndarray
-    sigma: float = 0.15
-    tau: float = 1.0
-
-    @property
-    def groups(self) -> int:
-        return int(self.group.max(initial=-1)) + 1
-
-
-@dataclass(frozen=True)
-class _State:
-    """A minimum: radiance of the patches in ``support``, log reflectances, the room's mean of these, the cost."""
-
-    support: tuple[int, ...]
-    radiance: np.ndarray
-    log_rho: np.ndarray
-    middle: float
-    cost: float
-
-    def light(self, problem: _Problem) -> np.ndarray:
-        """(N,) irradiance over pi."""
-        return problem.seen + problem.unseen[:, list(self.support)] @ self.radiance
-
-    def residual(self, problem: _Problem) -> np.ndarray:
-        """(N,) log residual."""
-        return problem.log_color - self.log_rho[problem.group] - np.log(self.light(problem))
-
-
 def explained(blocks: Blocks, transport: Transport) -> bool:
     """Whether seen light explains the radiance of the blocks: evenly, and by reflectances that rooms have.
 
@@ -152,9 +113,9 @@ def explained(blocks: Blocks, transport: Transport) -> bool:
     if len(use) == 0:
         return True
     _, group = np.unique(blocks.group[use], return_inverse=True)
-    problem = _Problem(np.log(blocks.radiance[use].mean(axis=1)), light[use], np.zeros((len(use), 0)), group)
-    state = _minimum(problem, ())
-    return _scale(state, problem) <= _ERROR and state.middle <= MIDDLE + 2 * MIDDLE_SPREAD
+    problem = Problem(np.log(blocks.radiance[use].mean(axis=1)), light[use], np.zeros((len(use), 0)), group)
+    state = minimum(problem, ())
+    return state.scale(problem) <= _ERROR and state.middle <= MIDDLE + 2 * MIDDLE_SPREAD
 
 
 def explain(
@@ -176,18 +137,16 @@ def explain(
     _, group = np.unique(blocks.group[use], return_inverse=True)
     floor = 1e-3 * max(float(np.median(light[use])), 1e-9)
     given = transport.unseen[use] @ members
-    problem = _Problem(np.log(blocks.radiance[use].mean(axis=1)), np.maximum(light[use], floor), given, group)
+    problem = Problem(np.log(blocks.radiance[use].mean(axis=1)), np.maximum(light[use], floor), given, group)
     if start is None:
-        before, after, problem = _chosen(problem, blocks.position[use, 0])
+        before, after, problem = searched(problem, blocks.position[use, 0])
     else:
         problem = replace(problem, sigma=start.errors[0], tau=start.errors[1])
-        before, after = _minimum(problem, ()), _best(problem, start.columns)
+        before, after = minimum(problem, ()), _best(problem, start.columns)
     after = _joined(problem, after, members)
     gain = before.cost - _criterion(after, problem) if after.support else 0.0
     if not after.support or gain <= 0:
-        return replace(
-            nothing, gain=float(min(gain, 0.0)), left=_scale(before, problem), before=_scale(before, problem)
-        )
+        return replace(nothing, gain=float(min(gain, 0.0)), left=before.scale(problem), before=before.scale(problem))
     chosen = members[:, list(after.support)]
     whole = chosen @ after.radiance
     share = float(np.median(1 - problem.seen / after.light(problem)))
@@ -202,14 +161,14 @@ def explain(
         spread=spread,
         share=share,
         gain=float(gain),
-        left=_scale(after, problem),
-        before=_scale(before, problem),
+        left=after.scale(problem),
+        before=before.scale(problem),
         determined=bool(spread < _UNSURE and after.middle >= _darkest(before)),
         errors=(problem.sigma, problem.tau),
     )
 
 
-def _darkest(before: _State) -> float:
+def _darkest(before: Minimum) -> float:
     """Least mean log reflectance that a guess may leave: that of rooms, or of this one without it, less an error.
 
     Much more light than is seen makes its errors small, and all surface black.
@@ -235,98 +194,51 @@ def witnessed(guess: Guess, blocks: Blocks, patches: Patches, transport: Transpo
     return guess if found.determined else found
 
 
-def _chosen(problem: _Problem, place: np.ndarray) -> tuple[_State, _State, _Problem]:
+def searched(problem: Problem, place: np.ndarray) -> tuple[Minimum, Minimum, Problem]:
     """The minimum without any patch, that with the best patches, and the problem with its measured errors."""
     for _ in range(2):  # the errors are known when the light is
         state = _best(problem, ())
         left = state.residual(problem)
-        sigma = max(_scale(state, problem), LEAST_SIGMA)
+        sigma = max(state.scale(problem), LEAST_SIGMA)
         problem = replace(problem, sigma=sigma, tau=errors_alike(left / sigma, place))
-    start, state = _minimum(problem, ()), _minimum(problem, state.support, state)
+    start, state = minimum(problem, ()), minimum(problem, state.support, state)
     return start, state, problem
 
 
-def _best(problem: _Problem, first: tuple[int, ...]) -> _State:
+def _best(problem: Problem, first: tuple[int, ...]) -> Minimum:
     """Add patches to the ``first`` ones as long as they are worth their price, then leave out or exchange each."""
-    state = _minimum(problem, first)
+    state = minimum(problem, first)
     while len(state.support) < problem.unseen.shape[1]:
-        wider = _minimum(problem, (*state.support, _next(problem, state)), state)
+        wider = minimum(problem, (*state.support, _next(problem, state)), state)
         if _criterion(wider, problem) >= _criterion(state, problem):
             break
         state = wider
     for patch in state.support:
-        fewer = _minimum(problem, tuple(k for k in state.support if k != patch))
-        other = _minimum(problem, (*fewer.support, _next(problem, fewer)), fewer)
+        fewer = minimum(problem, tuple(k for k in state.support if k != patch))
+        other = minimum(problem, (*fewer.support, _next(problem, fewer)), fewer)
         state = min((fewer, state, other), key=lambda each: _criterion(each, problem))
     return state
 
 
-def _joined(problem: _Problem, state: _State, members: np.ndarray) -> _State:
+def _joined(problem: Problem, state: Minimum, members: np.ndarray) -> Minimum:
     """Put pieces in the place of their patches where that costs less; patches were added one by one."""
     for piece in range(len(members), members.shape[1]):
         rest = tuple(k for k in state.support if not members[:, piece] @ members[:, k] or k == piece)
         if piece in rest or len(rest) == len(state.support):
             continue
-        whole = _minimum(problem, (*rest, piece))
+        whole = minimum(problem, (*rest, piece))
         if _criterion(whole, problem) <= _criterion(state, problem):
             state = whole
     return state
 
 
-def _scale(state: _State, problem: _Problem) -> float:
-    """Spread of the residuals, by their median."""
-    return float(deviation(state.residual(problem)))
-
-
-def _criterion(state: _State, problem: _Problem) -> float:
+def _criterion(state: Minimum, problem: Problem) -> float:
     """Cost of a minimum and of its patches."""
     count, patches = problem.unseen.shape
     return state.cost + len(state.support) * (0.5 * np.log(count / problem.tau) + np.log(max(patches, 1)))
 
 
-def _minimum(problem: _Problem, support: tuple[int, ...], start: _State | None = None) -> _State:
-    """Minimise the cost over the radiance of some patches and all reflectances."""
-    count, groups = len(support), problem.groups
-    given = problem.unseen[:, list(support)]
-    begin = np.concatenate([np.zeros(count), np.full(groups, MIDDLE), [MIDDLE]])
-    unit = np.ones(count)
-    if count:  # a unit of radiance doubles the light of the blocks that a patch lights most
-        unit = float(np.median(problem.seen)) / _most_given(given)
-    if start is not None:
-        begin[count:] = np.append(start.log_rho, start.middle)
-        begin[: len(start.radiance)] = start.radiance / unit[: len(start.radiance)]
-        begin[len(start.radiance) : count] = 0.3
-
-    def cost(x: np.ndarray) -> tuple[float, np.ndarray]:
-        e, g, middle = x[:count] * unit, x[count:-1], x[-1]
-        light = problem.seen + given @ e
-        r = (problem.log_color - g[problem.group] - np.log(light)) / problem.sigma
-        q = 1 + r * r / FREEDOM
-        slope = (FREEDOM + 1) * r / FREEDOM / q / problem.sigma / problem.tau
-        z, above = (g - middle) / WITHIN, np.maximum(g - WHITE, 0) / ABOVE
-        value = 0.5 * (FREEDOM + 1) * np.log(q).sum() / problem.tau + 0.5 * (z @ z + above @ above)
-        value += 0.5 * ((middle - MIDDLE) / MIDDLE_SPREAD) ** 2
-        of_g = z / WITHIN + above / ABOVE - np.bincount(problem.group, slope, groups)
-        of_middle = (middle - MIDDLE) / MIDDLE_SPREAD**2 - z.sum() / WITHIN
-        return float(value), np.concatenate([-(given.T @ (slope / light)) * unit, of_g, [of_middle]])
-
-    bounds = [(0, None)] * count + [(None, None)] * (groups + 1)
-    options = {"maxiter": 300, "ftol": 1e-7}
-    found = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    x = found.x
-    return _State(support, x[:count] * unit, x[count:-1], float(x[-1]), float(found.fun))
-
-
-def _most_given(given: np.ndarray) -> np.ndarray:
-    """(P,) what patches of unit radiance give to the blocks that they light most, of all that they light (N, P).
-
-    Blocks that get less than a hundredth of the most do not count: a lamp behind a door lights few of a room's.
-    """
-    lit = given >= 0.01 * given.max(axis=0)
-    return np.maximum(np.nanquantile(np.where(lit, given, np.nan), 0.95, axis=0), 1e-6)
-
-
-def _next(problem: _Problem, state: _State) -> int:
+def _next(problem: Problem, state: Minimum) -> int:
     """The patch that lowers the cost most when it is added alone, reflectances following.
 
     The most promising ones by slope and curvature where they are dark are tried at several brightnesses.
@@ -348,7 +260,7 @@ def _next(problem: _Problem, state: _State) -> int:
     best, chosen = np.inf, int(np.argmax(promise))
     for patch in np.argsort(-promise)[:_TRIED]:
         given = problem.unseen[:, patch]
-        unit = float(np.median(light)) / float(_most_given(given))
+        unit = float(np.median(light)) / float(most_given(given))
         y = problem.log_color[:, None] - np.log(light[:, None] + given[:, None] * (unit * _AMPLITUDES))
         g = state.log_rho[:, None] + 0 * _AMPLITUDES
         for _ in range(2):  # towards each group's mean, outliers counting less
@@ -364,7 +276,7 @@ def _next(problem: _Problem, state: _State) -> int:
     return chosen
 
 
-def _power_spread(state: _State, problem: _Problem, area: np.ndarray) -> float:
+def _power_spread(state: Minimum, problem: Problem, area: np.ndarray) -> float:
     """Relative standard deviation of the whole power: Laplace's approximation, the reflectances being free."""
     light, count, groups = state.light(problem), len(state.support), problem.groups
     jacobian = np.zeros((len(light), count + groups + 1))
@@ -383,7 +295,7 @@ def _power_spread(state: _State, problem: _Problem, area: np.ndarray) -> float:
     return float(np.sqrt(max(variance, 0.0)) / max(float(area @ state.radiance), 1e-12))
 
 
-def _color(radiance: np.ndarray, seen: np.ndarray, problem: _Problem, state: _State) -> np.ndarray:
+def _color(radiance: np.ndarray, seen: np.ndarray, problem: Problem, state: Minimum) -> np.ndarray:
     """(3,) colour of what is guessed, of mean 1.
 
     It is told by surface of one colour that guessed light reaches unevenly. Beyond that, reflectances of a room are

@@ -179,7 +179,7 @@ def _judged(
     asked
         Whether other evidence than doubtful emitters says that light is missing.
     """
-    found, doubtful = extracted.emitters, _doubtful(extracted)
+    found, doubtful = extracted.emitters, extracted.in_doubt
     if not doubtful.any():
         return _Judged(found, doubtful, found.chosen(doubtful), trial(found, asked=asked))
     number = np.where(doubtful, found.emitter, -1)
@@ -201,14 +201,6 @@ def _judged(
     kept = replace(kept, undecided=kept.undecided.joined(unclear))
     lit |= np.isin(number, _lit(tried, found, lit_by_seen, triangles, brightest=np.inf))
     return _Judged(kept, doubtful[stays], found.chosen(lit_by_seen & ~lit & ~fading), tried)
-
-
-def _doubtful(extracted: Extracted) -> np.ndarray:
-    """(E,) bool: triangles of emitters of which more than half of the power is doubtful; a rim is not."""
-    found = extracted.emitters
-    power = found.area * found.radiance.mean(axis=1)
-    asked = np.isin(found.triangle, extracted.doubtful.triangle)
-    return (2 * np.bincount(found.emitter, power * asked) > np.bincount(found.emitter, power))[found.emitter]
 
 
 def _for_brightness(extracted: Extracted) -> np.ndarray:

@@ -64,7 +64,7 @@ def test_for_people(tmp_path, mesh, emitters, sides, count):
     assert wall["radiance"] == pytest.approx([5, 5, 5])
 
 
-@pytest.mark.parametrize("name", ["sides", "error", "guessed", "spread"])
+@pytest.mark.parametrize("name", ["sides", "error", "guessed", "spread", "raised"])
 def test_what_may_be_left_out_is_of_all_triangles_or_none(emitters, name):
     whole = getattr(emitters, name)
     with pytest.raises(ValueError, match=f"{name} is of 2 triangles, not of 3"):
