@@ -44,7 +44,7 @@ SECTIONS: dict[str, Section] = {
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 3),
     "fuse": Section("fipt.stages.segment.settings:FuseSettings", 3),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 8),
-    "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 7),
+    "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 8),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 6),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 11),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 37),

@@ -16,10 +16,8 @@ import mitsuba as mi
 import numpy as np
 
 from fipt.render import ggx
+from fipt.render.directions import R2
 from fipt.render.scene import lanes
-
-_R2 = (0.7548776662466927, 0.5698402909980532)
-"""Steps of the R2 low-discrepancy sequence (Roberts 2018)."""
 
 
 class LobeMixture:
@@ -67,7 +65,7 @@ class LobeMixture:
             start, count = dr.select(inside, low, start), dr.select(inside, high - low, count)
             alpha = dr.select(inside, dr.square(s), alpha)
         number = mi.Float(k - start + point * count)
-        u1, u2 = dr.fma(number, _R2[0], shift[0]), dr.fma(number, _R2[1], shift[1])
+        u1, u2 = dr.fma(number, R2[0], shift[0]), dr.fma(number, R2[1], shift[1])
         u1, u2 = u1 - dr.floor(u1), u2 - dr.floor(u2)
         diffuse = frame.to_world(ggx.sample_cosine(u1, u2))
         h = frame.to_world(ggx.sample_half_vector(u1, u2, alpha))

@@ -62,6 +62,10 @@ class Blocks:
     group: np.ndarray
     triangle: np.ndarray
 
+    def chosen(self, rows: np.ndarray) -> "Blocks":
+        """Those of ``rows``, (N,) bool or indices."""
+        return Blocks(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
     @property
     def brightest(self) -> float:
         """Mean radiance of the brightest of them that shows no lamp: pixels beside lamps hold some of their light."""

@@ -23,7 +23,7 @@ _ROWS = 32
 """Rows of the map of what the room tells: its light hardly changes within less than 6 degrees of the sky."""
 _LEAST_BLOCKS = 30
 """Pieces of seen surface without which no light is told from a reflectance."""
-_SUN = 6000, 16, 16
+_SUN = 6000, 16, 64
 """Pieces of surface that tell of a sun, some centimetres wide; samples of each, since the border of what the sun lights
 crosses many; and rays of each sample to all other light."""
 _WHERE = 24_000, 4, 16

@@ -14,7 +14,7 @@ a sun is believed if no direction far from it explains nearly as much, and no di
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,10 +45,12 @@ _POWERS = 2.0 ** np.arange(-1, 9.6, 1.5)
 """Light of a sun that is tried, in medians of what lights the room: sunlight has 100,000 lux, a dim room 300."""
 _STEPS = np.linspace(np.log(_POWERS[0] / 2), np.log(_POWERS[-1] * 2), 101)
 """The same for the power of what is found, as logarithms."""
+_FINER_STEPS = np.linspace(-1, 1, 21) * (_STEPS[1] - _STEPS[0])
+"""The same around the best of these."""
 _RADII = np.radians((0.27, 0.75, 1.5))
 """Radii of the disc: of the sun, behind haze, and of the discs of 3 degrees that scene files' directional light has."""
-_LARGER = 20.0
-"""Gain by which a larger disc has to beat a smaller one: up to 15 it gains since a block's points are not all of it."""
+_LARGER = 50.0
+"""Gain by which a larger disc has to beat a smaller one: up to 41 it gains since pixels are as wide as its border."""
 _GLOW = np.radians(6.0)
 """Radius of a disc that is no sun: a bright part of the sky, for which the map has texels."""
 _RAYS = 16
@@ -61,6 +63,8 @@ _NEIGHBOURS = 24
 """Blocks around a block: a disc of five blocks across."""
 _LEAST_NEIGHBOURS = 4
 """Neighbours without which a block is not compared."""
+_LEAST_LIT = 30
+"""Blocks that the sun lights as a whole, without which those at the borders of its patches tell its power, too."""
 _ROWS = 512
 """Rows of a map with a sun: its texels are two thirds as wide as the sun."""
 _MIRRORED = 0.5 * F0_DIELECTRIC
@@ -120,7 +124,7 @@ class SunSearch:
     """
 
     def __init__(self, scene: RayScene, blocks: Blocks) -> None:
-        self.scene = scene
+        self.scene, self._blocks = scene, blocks
         self.matte = np.flatnonzero(blocks.spread < GLOSSY)
         self.position, self.normal = blocks.position[self.matte], blocks.normal[self.matte]
         self.radiance = np.maximum(blocks.radiance[self.matte], 1e-6)
@@ -156,8 +160,19 @@ class SunSearch:
         return sun if sharp and sun.gain > others + enough else None
 
     def measured(self, light: np.ndarray, direction: np.ndarray) -> FoundSun:
-        """The sun in a direction, with its power and its size; ``light`` as in `find`."""
-        return _smallest(self._of_sizes(_Judge(self, light), direction))
+        """The sun in a direction, with its power and its size; ``light`` as in `find`.
+
+        Borders of its patches tell its size. They do not tell its power: a mesh that is off by a centimetre lights
+        other parts of these blocks.
+        """
+        sun = _smallest(self._of_sizes(_Judge(self, light), direction))
+        share = (self.disc(direction, sun.radius) > 0).mean(axis=1)
+        if (share == 1).sum() < _LEAST_LIT:
+            return sun
+        rows = self.matte[(share == 0) | (share == 1)]
+        clear = SunSearch(self.scene, self._blocks.chosen(rows))
+        power = _Judge(clear, light[rows]).power(clear.disc(direction, sun.radius), direction, sun.radius)
+        return replace(sun, irradiance=power.irradiance) if power.irradiance.any() else sun
 
     def exact(self, light: np.ndarray, direction: np.ndarray, seen: EnvironmentMap) -> np.ndarray:
         """(3,) the best possible direction close to another; ``light`` and ``seen`` as in `find`."""
@@ -168,10 +183,11 @@ class SunSearch:
         return [judge.power(self.disc(direction, radius), direction, radius) for radius in _RADII]
 
     def disc(self, direction: np.ndarray, radius: float) -> np.ndarray:
-        """(M,) share of a disc that the matte blocks see, times the cosine, as a mean over their points."""
+        """(M, R) share of a disc that each point of the matte blocks sees, times the cosine."""
         turns = np.arange(_RAYS) * np.pi * (3 - np.sqrt(5))
         away = np.tan(radius) * np.sqrt((np.arange(_RAYS) + 0.5) / _RAYS)
-        return self._whole(_tilted(direction, away * np.cos(turns), away * np.sin(turns))).mean(axis=1)
+        rays = _tilted(direction, away * np.cos(turns), away * np.sin(turns))
+        return np.stack([self.lit(rays, k).mean(axis=1) for k in range(self.position.shape[1])], axis=1)
 
     def lit(self, directions: np.ndarray, point: int) -> np.ndarray:
         """(M, D) cosine of a point of each block with directions (D, 3) in which it leaves the room; 0 elsewhere."""
@@ -233,16 +249,28 @@ class _Judge:
         return (before - np.min(costs, axis=0)) / self.tau
 
     def power(self, lit: np.ndarray, direction: np.ndarray, radius: float) -> FoundSun:
-        """The sun with its best power in each channel; ``lit`` (M,) as in `gains`."""
+        """The sun with its best power in each channel; ``lit`` (M, R) as of `SunSearch.disc`."""
         power, gain = np.zeros(3), 0.0
         for c in range(3):
-            bright = self.light[:, c : c + 1] + np.exp(_STEPS) * self.level[c] * lit[:, None]
-            costs = self._cost(self._differences(self.color[:, c : c + 1] - np.log(bright)))
-            gained = float(self._cost(self.residual[:, c : c + 1])[0] - costs.min())
+            step, _ = self._best(lit, c, _STEPS)
+            step, cost = self._best(lit, c, step + _FINER_STEPS)
+            gained = float(self._cost(self.residual[:, c : c + 1])[0]) - cost
             if gained > 0:
-                power[c] = np.exp(_STEPS[int(np.argmin(costs))]) * self.level[c]
+                power[c] = np.exp(step) * self.level[c]
                 gain += gained / 3 / self.tau
         return FoundSun(direction, power * np.pi, radius, gain)
+
+    def _best(self, lit: np.ndarray, channel: int, steps: np.ndarray) -> tuple[float, float]:
+        """The logarithm of the power, of some ``steps``, that costs least, and its cost.
+
+        The radiance of a block is the geometric mean of its pixels, and so is this of its points.
+        """
+        light = self.light[:, channel, None]
+        expected, sunny = np.log(np.repeat(light, len(steps), axis=1)), lit.any(axis=1)
+        sun = np.exp(steps) * self.level[channel] * lit[sunny][:, :, None]
+        expected[sunny] = np.log(light[sunny][:, None] + sun).mean(axis=1)
+        costs = self._cost(self._differences(self.color[:, channel, None] - expected))
+        return float(steps[int(np.argmin(costs))]), float(costs.min())
 
     def _differences(self, values: np.ndarray) -> np.ndarray:
         """(K, D) values (M, D) of the blocks that are compared, minus the mean of their neighbours."""

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.sparse import csr_matrix
 
-from fipt.render.directions import cosine_directions
+from fipt.render.directions import even_cosine_directions
 from fipt.render.scene import RayScene
 from fipt.robust import deviation
 from fipt.scene.environment import EnvironmentMap
@@ -131,10 +131,10 @@ def room_light(
     rows, points = blocks.position.shape[:2]
     height, width = empty.radiance.shape[:2]
     inside, row_out, texel_out = np.zeros((rows, 3)), [], []
+    row, shift = np.repeat(np.arange(rows), rays), np.repeat(rng.random((rows, 2)), rays, axis=0)
     for k in range(points):
-        row = np.repeat(np.arange(rows), rays)
         normal = blocks.normal[row, k]
-        direction = cosine_directions(normal, rng)
+        direction = even_cosine_directions(normal, np.tile(k * rays + np.arange(rays), rows), shift)
         origin = (blocks.position[row, k] + scene.epsilon * normal).astype(np.float32)
         distance, triangle = scene.intersect(origin, direction)
         met = triangle >= 0

@@ -30,8 +30,8 @@ def walls() -> Mesh:
     )
 
 
-def pieces(np_rng):
-    """Blocks of the floor and of two walls, with four points each: positions (N, 4, 3), normals, and their surface."""
+def pieces(np_rng, points):
+    """Blocks of the floor and of two walls, with K points each: positions (N, K, 3), normals, and their surface."""
     step = (np.arange(SIDE) + 0.5) / SIDE
     u, v = (each.ravel() for each in np.meshgrid(step, step))
     zero = np.zeros_like(u)
@@ -43,25 +43,30 @@ def pieces(np_rng):
     group = np.repeat(np.arange(3), SIDE * SIDE)
     normal = np.repeat(np.float32([each for _, each in parts]), SIDE * SIDE, axis=0)
     place = np.concatenate([each for each, _ in parts])[:, None]
-    inside = np_rng.uniform(-0.5, 0.5, (len(place), 4, 3)) * 4 / SIDE * (normal == 0)[:, None]
+    inside = np_rng.uniform(-0.5, 0.5, (len(place), points, 3)) * 4 / SIDE * (normal == 0)[:, None]
     place = np.clip(place + inside, (0, 0, 0.001), (4, 2.5, 4)).astype(np.float32)
-    return place, np.repeat(normal[:, None], 4, axis=1), group
+    return place, np.repeat(normal[:, None], points, axis=1), group
 
 
 @pytest.fixture
 def room(backend, np_rng):
-    """Returns a search in the room (or its blocks), and the light that is known; ``power`` is that of its sun."""
+    """Returns a search in the room (or its blocks), and the light that is known.
+
+    ``power`` is that of its sun; what it lights is ``off`` metres from where the mesh says.
+    """
     from fipt.render.scene import RayScene
     from fipt.render.sunlight import sunlight
     from fipt.scene.sun import Sun
     from fipt.stages.environment.sun import SunSearch
 
-    def made(power, search=True):
+    def made(power, search=True, off=0.0, points=4):
         scene = RayScene(walls())
-        place, normal, group = pieces(np_rng)
+        place, normal, group = pieces(np_rng, points)
         sun = Sun(TOWARD[None], np.asarray(power)[None], np.radians([0.27]))
         known = np.tile(LIGHT, (len(place), 1))
-        light = known + np.mean([sunlight(scene, sun, place[:, k], normal[:, k]) for k in range(4)], axis=0)
+        light = known + np.mean(
+            [sunlight(scene, sun, place[:, k] + np.float32([off, 0, 0]), normal[:, k]) for k in range(points)], axis=0
+        )
         rho = np.array([[0.5, 0.3, 0.2], [0.7, 0.7, 0.7], [0.3, 0.4, 0.5]])[group]
         # the surface mirrors more of the room than of the sun
         color = (rho * light + 0.02 * known) * np.exp(0.25 * np_rng.standard_normal((len(place), 1)))
@@ -90,6 +95,12 @@ def test_its_place_and_power_are_found(room):
     assert np.degrees(np.arccos(sun.direction @ TOWARD)) < 1
     np.testing.assert_allclose(sun.irradiance, POWER, rtol=0.15)
     assert sun.radius < np.radians(1)
+
+
+def test_borders_that_are_off_do_not_tell_its_power(room):
+    """With them it would have 0.87 of it."""
+    search, known = room(POWER, off=0.02, points=16)
+    np.testing.assert_allclose(search.measured(known, TOWARD).irradiance, POWER, rtol=0.05)
 
 
 def test_where_it_stands_is_told_closely(room):
