@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fipt.render.directions import cosine_directions
+from fipt.render.directions import cosine_directions, even_cosine_directions
 from fipt.render.scene import RayScene
 from fipt.render.sunlight import sunlight
 from fipt.scene.emitters import Emitters, emits
@@ -142,10 +142,10 @@ class Lights:
             rows = slice(start, start + chunk)
             here = len(position[rows])
             p, n = np.repeat(position[rows], count, axis=0), np.repeat(normal[rows], count, axis=0)
-            direction = cosine_directions(n, rng)
+            row, shift = np.repeat(np.arange(here), count), np.repeat(rng.random((here, 2)), count, axis=0)
+            direction = even_cosine_directions(n, np.tile(np.arange(count), here), shift)
             origin = p + self.scene.epsilon * n
             distance, triangle = self.scene.intersect(origin, direction)
-            row = np.repeat(np.arange(here), count)
             radiance, leaves = self._found(origin, direction, distance, triangle)
             cos = np.maximum((direction * n).sum(axis=1), 0)
             radiance *= (count / (count + aimed * self._odds(direction, cos, distance, triangle)))[:, None]
