@@ -46,10 +46,11 @@ def with_what_they_light(
     cache: Mapping[str, np.ndarray],
     environment: EnvironmentMap,
     before: np.ndarray,
+    accepted: np.ndarray,
 ) -> tuple[Emitters, tuple[str, ...]]:
     """Emitters, brighter where what they light says so, and warnings about these.
 
-    What is in doubt or guessed stays as it is.
+    What is in doubt, guessed or accepted by a person stays as it is.
 
     Parameters
     ----------
@@ -57,9 +58,12 @@ def with_what_they_light(
         The training views.
     before
         (T,) bool: triangles that were raised in the round before.
+    accepted
+        (T,) bool: triangles that emit what the photographs show, as a person said.
     """
     found = extracted.emitters
-    certain = np.flatnonzero(~extracted.in_doubt & ~found.guessed & (found.power > 0))
+    certain = ~extracted.in_doubt & ~found.guessed & ~accepted[found.triangle]
+    certain = np.flatnonzero(certain & (found.power > 0))
     if len(certain) == 0:
         return found, ()
     blocks = blocks_of(shards, mesh, np.isin(np.arange(len(mesh.triangles)), found.triangle), cache)

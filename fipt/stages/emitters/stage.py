@@ -10,6 +10,8 @@ from fipt.inputs import DatasetFolder, DecisionsJson, EnvironmentFile, SamplesFo
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy as np
+
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import Emitters
     from fipt.scene.mesh import Mesh
@@ -154,16 +156,13 @@ def _guessed(
     from fipt.scene.change import read_change
     from fipt.scene.emitters import read_emitters
     from fipt.scene.environment import read_environment
-    from fipt.scene.review import numbers
     from fipt.scene.voxels import read_cache
     from fipt.stages.emitters.clusters import with_what_they_light
     from fipt.stages.emitters.emitter_copies import copied
     from fipt.stages.emitters.unseen_guess import with_guess
 
     assert inputs.cache is not None
-    rejected = np.zeros(len(mesh.triangles), bool)
-    for text in decided.reject:
-        rejected[sorted(numbers(text, len(rejected)))] = True
+    rejected, accepted = (_named(texts, len(mesh.triangles)) for texts in (decided.reject, decided.accept))
     outside = read_environment(inputs.environment)
     before, raised = np.full(len(mesh.triangles), -1), np.zeros(len(mesh.triangles), bool)
     if inputs.previous is not None:
@@ -174,10 +173,22 @@ def _guessed(
     change = read_change(inputs.shading)
     asked = change is not None and change.light_missing
     cache = read_cache(inputs.cache)
-    found, brighter = with_what_they_light(mesh, shards, extracted, cache, outside, raised)
+    found, brighter = with_what_they_light(mesh, shards, extracted, cache, outside, raised, accepted)
     guessed = with_guess(mesh, shards, replace(extracted, emitters=found), cache, outside, rejected, before, asked)
     figures = {"raised": len(np.unique(found.emitter[found.raised > 0])), **guessed.figures}
     return guessed.emitters, (*brighter, *guessed.warnings), figures
+
+
+def _named(texts: "Sequence[str]", triangles: int) -> "np.ndarray":
+    """(T,) bool: triangles that a person named in some ranges."""
+    import numpy as np
+
+    from fipt.scene.review import numbers
+
+    named = np.zeros(triangles, bool)
+    for text in texts:
+        named[sorted(numbers(text, triangles))] = True
+    return named
 
 
 def questions_in_words(regions: "Sequence[dict[str, Any]]") -> list[str]:

@@ -28,7 +28,7 @@ from fipt.stages.emitters.unseen_surface import Patches
 GREY = 0.5
 """Reflectance of unseen surface: the middle of what rooms are painted with."""
 _RAYS = 512
-"""Rays from a block: the standard error of its seen light is then 1 / sqrt(512) of the spread of what it sees, 4 %."""
+"""Rays from a block, spread evenly: the standard error of its seen light is below 4 % of the spread of what it sees."""
 _TO_EMITTERS = 0.25
 """Rays to points of emitters for each ray of the cosine lobe, which hardly meets a small one."""
 _LEAST_ODDS = 0.1

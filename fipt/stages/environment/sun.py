@@ -49,8 +49,8 @@ _FINER_STEPS = np.linspace(-1, 1, 21) * (_STEPS[1] - _STEPS[0])
 """The same around the best of these."""
 _RADII = np.radians((0.27, 0.75, 1.5))
 """Radii of the disc: of the sun, behind haze, and of the discs of 3 degrees that scene files' directional light has."""
-_LARGER = 50.0
-"""Gain by which a larger disc has to beat a smaller one: up to 41 it gains since pixels are as wide as its border."""
+_LARGER = 1.13
+"""Times the gain of a smaller disc that a larger one needs: 1.11 it has since pixels are as wide as its border."""
 _GLOW = np.radians(6.0)
 """Radius of a disc that is no sun: a bright part of the sky, for which the map has texels."""
 _RAYS = 16
@@ -63,8 +63,10 @@ _NEIGHBOURS = 24
 """Blocks around a block: a disc of five blocks across."""
 _LEAST_NEIGHBOURS = 4
 """Neighbours without which a block is not compared."""
-_LEAST_LIT = 30
-"""Blocks that the sun lights as a whole, without which those at the borders of its patches tell its power, too."""
+_LEAST_GAIN = 1e-3
+"""Gain of a channel, in nats, below which there is no sun: sums that are equal differ by their rounding."""
+_ENOUGH = 0.5
+"""Share of the gain of all blocks that those without borders have at least, else all of them tell the sun's power."""
 _ROWS = 512
 """Rows of a map with a sun: its texels are two thirds as wide as the sun."""
 _MIRRORED = 0.5 * F0_DIELECTRIC
@@ -166,13 +168,14 @@ class SunSearch:
         other parts of these blocks.
         """
         sun = _smallest(self._of_sizes(_Judge(self, light), direction))
-        share = (self.disc(direction, sun.radius) > 0).mean(axis=1)
-        if (share == 1).sum() < _LEAST_LIT:
-            return sun
+        points = range(self.position.shape[1])
+        share = np.mean([self.lit(direction[None], k)[:, 0] > 0 for k in points], axis=0)
         rows = self.matte[(share == 0) | (share == 1)]
         clear = SunSearch(self.scene, self._blocks.chosen(rows))
         power = _Judge(clear, light[rows]).power(clear.disc(direction, sun.radius), direction, sun.radius)
-        return replace(sun, irradiance=power.irradiance) if power.irradiance.any() else sun
+        # without borders there may be nothing dark beside what is lit, as on a rug
+        enough = power.irradiance.all() and power.gain > _ENOUGH * sun.gain
+        return replace(power, gain=sun.gain) if enough else sun
 
     def exact(self, light: np.ndarray, direction: np.ndarray, seen: EnvironmentMap) -> np.ndarray:
         """(3,) the best possible direction close to another; ``light`` and ``seen`` as in `find`."""
@@ -255,7 +258,7 @@ class _Judge:
             step, _ = self._best(lit, c, _STEPS)
             step, cost = self._best(lit, c, step + _FINER_STEPS)
             gained = float(self._cost(self.residual[:, c : c + 1])[0]) - cost
-            if gained > 0:
+            if gained > _LEAST_GAIN:
                 power[c] = np.exp(step) * self.level[c]
                 gain += gained / 3 / self.tau
         return FoundSun(direction, power * np.pi, radius, gain)
@@ -286,7 +289,7 @@ def _smallest(suns: list[FoundSun]) -> FoundSun:
     """The smallest of some suns, unless a larger one explains clearly more."""
     best, *larger = suns
     for each in larger:
-        best = each if each.gain > best.gain + _LARGER else best
+        best = each if each.gain > _LARGER * best.gain else best
     return best
 
 

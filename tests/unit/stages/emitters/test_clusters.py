@@ -91,7 +91,7 @@ def test_light_that_comes_straight(backend, side):
 def lit_floor(backend, np_rng):
     """`with_what_they_light` of the quad, that lights the floor ``factor`` times as much as its surface does."""
 
-    def run(factor, change=lambda extracted: extracted):
+    def run(factor, change=lambda extracted: extracted, accepted=False):
         mesh, found = quad_above_a_floor()
         place = np.float32(np.insert(np_rng.uniform(-1.5, 1.5, (8000, 2)), 1, 0, axis=1))
         triangle = np.where(place[:, 0] < place[:, 2], 0, 1)
@@ -103,7 +103,9 @@ def lit_floor(backend, np_rng):
         shards = scenes.observed([samples], [np.zeros((8000, 1, 3))], [(image, np.ones(8000))])
         cache = cache_of(place, np.tile(UP, (8000, 1)), image)
         extracted = change(Extracted(found, Undecided.none()))
-        return with_what_they_light(mesh, shards, extracted, cache, constant((0.3, 0.3, 0.3)), np.zeros(4, bool))
+        return with_what_they_light(
+            mesh, shards, extracted, cache, constant((0.3, 0.3, 0.3)), np.zeros(4, bool), np.full(4, accepted)
+        )
 
     return run
 
@@ -167,6 +169,12 @@ def test_lamps_near_each_other_are_one():
     rim = np.sqrt(4 * np.pi) * 0.01 / side
     np.testing.assert_allclose(_rims(found, cluster, 0.01), [rim, rim], rtol=1e-4)
     assert (_rims(found, cluster, 1.0) == 1).all()
+
+
+def test_what_a_person_accepted_has_the_radiance_that_views_show(lit_floor):
+    found, words = lit_floor(2.5, accepted=True)
+    np.testing.assert_array_equal(found.radiance, 200)
+    assert words == ()
 
 
 def test_emitters_on_the_same_place_are_one():

@@ -52,14 +52,15 @@ def pieces(np_rng, points):
 def room(backend, np_rng):
     """Returns a search in the room (or its blocks), and the light that is known.
 
-    ``power`` is that of its sun; what it lights is ``off`` metres from where the mesh says.
+    ``power`` is that of its sun; what it lights is ``off`` metres from where the mesh says, and with ``rug`` a part of
+    its own.
     """
     from fipt.render.scene import RayScene
     from fipt.render.sunlight import sunlight
     from fipt.scene.sun import Sun
     from fipt.stages.environment.sun import SunSearch
 
-    def made(power, search=True, off=0.0, points=4):
+    def made(power, search=True, off=0.0, points=4, rug=False):
         scene = RayScene(walls())
         place, normal, group = pieces(np_rng, points)
         sun = Sun(TOWARD[None], np.asarray(power)[None], np.radians([0.27]))
@@ -71,6 +72,7 @@ def room(backend, np_rng):
         # the surface mirrors more of the room than of the sun
         color = (rho * light + 0.02 * known) * np.exp(0.25 * np_rng.standard_normal((len(place), 1)))
         none = np.zeros(len(place))
+        group = group + 3 * (rug & (light > known).any(axis=1))
         blocks = Blocks(place, normal, color, none, group, none.astype(np.int64))
         return SunSearch(scene, blocks) if search else blocks, known
 
@@ -97,10 +99,20 @@ def test_its_place_and_power_are_found(room):
     assert sun.radius < np.radians(1)
 
 
-def test_borders_that_are_off_do_not_tell_its_power(room):
-    """With them it would have 0.87 of it."""
-    search, known = room(POWER, off=0.02, points=16)
-    np.testing.assert_allclose(search.measured(known, TOWARD).irradiance, POWER, rtol=0.05)
+def test_borders_that_are_off_do_not_tell_its_power(room, monkeypatch):
+    from fipt.stages.environment import sun
+
+    search, known = room(POWER, off=0.04, points=16)
+    found = search.measured(known, TOWARD).irradiance
+    np.testing.assert_allclose(found, POWER, rtol=0.12)
+    monkeypatch.setattr(sun, "_ENOUGH", np.inf)
+    assert (search.measured(known, TOWARD).irradiance < 0.95 * found).all()
+
+
+def test_borders_tell_its_power_where_nothing_else_does(room):
+    """What it lights is a part of its own, as a rug: dark at its border alone."""
+    search, known = room(POWER, points=16, rug=True)
+    np.testing.assert_allclose(search.measured(known, TOWARD).irradiance, POWER, rtol=0.3)
 
 
 def test_where_it_stands_is_told_closely(room):
