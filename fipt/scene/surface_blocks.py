@@ -25,6 +25,8 @@ GLOSSY = 0.3
 """Standard deviation of the log radiance between views above which a block is not matte."""
 _GRIDS = (16, 24, 32, 48, 64, 96, 128)
 """Blocks along the scene box: the coarsest grid that has as many blocks as are wanted."""
+LEAST_BLOCKS = 30
+"""Pieces of seen surface without which no light is told from a reflectance."""
 MANY_BLOCKS = 1000
 """Blocks whose light is traced: it is a smooth function of place, and has few unknowns."""
 _PLANES = 64

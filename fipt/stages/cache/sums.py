@@ -208,16 +208,15 @@ def most_pairs(shards: Sequence[FootprintSamples], side: float) -> int:
     return sum(int(np.minimum(1, _SLANT * (samples.footprint / side) ** 2).sum()) for samples in shards)
 
 
-def _shares(views: list[_Shown], around: np.ndarray) -> list[np.ndarray]:
+def _shares(views: list[_Shown], cell: np.ndarray) -> list[np.ndarray]:
     """(M,) share of its radiance that is kept of each record that a view shows, for each view.
 
     Of two views that show as much of a record the darker one is the median; but nothing is cut below what the room's
-    surface has, since something dark may be missing as well. What is clipped may be as bright as anything.
+    surface has, since something dark may be missing as well. What is clipped may be as bright as anything. What is
+    beside something nearer is compared with what views show around it, too: ``cell`` (K,) is that of each record.
     """
-    names = ("record", "level", "shown", "bound", "filled", "beside")
-    record, level, shown, bound, filled, beside = (
-        np.concatenate([getattr(view, name) for view in views]) for name in names
-    )
+    names = ("record", "level", "shown", "bound", "beside")
+    record, level, shown, bound, beside = (np.concatenate([getattr(view, name) for view in views]) for name in names)
     if len(record) == 0:
         return [np.ones(0) for _ in views]
     possible = np.where(bound, np.inf, level)
@@ -226,20 +225,29 @@ def _shares(views: list[_Shown], around: np.ndarray) -> list[np.ndarray]:
     room = np.median(lit) if len(lit) else 0.0
     usual = np.maximum(median, room)[np.searchsorted(number, record)]
     share = np.minimum(_BRIGHTER * usual / np.maximum(level, 1e-12), 1)
-    # what is beside something nearer is compared with the brightest that each view shows around it
-    view = np.repeat(np.arange(len(views)), [len(each.record) for each in views])
-    cell, place = np.unique(around[record] * len(views) + view, return_inverse=True)
-    brightest = np.full(len(cell), -np.inf)
+    around = np.maximum(_around(views, cell, possible), room)
+    stranger = beside & (level > _BRIGHTER * around)
+    share = np.where(stranger, np.minimum(share, around / np.maximum(level, 1e-12)), share)
+    return np.split(share, np.cumsum([len(view.record) for view in views])[:-1])
+
+
+def _around(views: list[_Shown], cell: np.ndarray, possible: np.ndarray) -> np.ndarray:
+    """(P,) what views show around each of all records that they show: of the brightest of each view the median.
+
+    ``cell`` (K,) is that of each record, ``possible`` (P,) the radiance, infinite where it is a bound. Where no view
+    fills a pixel there, it is infinite.
+    """
+    of_pair = cell[np.concatenate([view.record for view in views])]
+    filled = np.concatenate([view.filled for view in views])
+    number = np.repeat(np.arange(len(views)), [len(view.record) for view in views])
+    pair, place = np.unique(of_pair * len(views) + number, return_inverse=True)
+    brightest = np.full(len(pair), -np.inf)
     np.maximum.at(brightest, place[filled], possible[filled])
     known = brightest >= 0
-    number, median = _medians(cell[known] // len(views), brightest[known], np.ones(int(known.sum())))
-    usual = np.full(len(record), np.inf)
-    if len(number):
-        at = np.minimum(np.searchsorted(number, around[record]), len(number) - 1)
-        usual = np.where(number[at] == around[record], np.maximum(median[at], room), np.inf)
-    stranger = beside & (level > _BRIGHTER * usual)
-    share = np.where(stranger, np.minimum(share, usual / np.maximum(level, 1e-12)), share)
-    return np.split(share, np.cumsum([len(view.record) for view in views])[:-1])
+    cells, median = _medians(pair[known] // len(views), brightest[known], np.ones(int(known.sum())))
+    at = np.searchsorted(cells, of_pair)
+    found = np.append(cells, -1)[at] == of_pair
+    return np.where(found, np.append(median, np.inf)[at], np.inf)
 
 
 def _medians(group: np.ndarray, value: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import median_footprint
-from fipt.scene.surface_blocks import GLOSSY, Blocks, blocks_of, spacing
+from fipt.scene.surface_blocks import GLOSSY, LEAST_BLOCKS, Blocks, blocks_of, spacing
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.reflectance_fit import Problem, minimum
 from fipt.stages.emitters.unseen import Lights, seen_light
@@ -32,8 +32,6 @@ _MOST = 64
 """Clusters that are asked about, the strongest."""
 _NEIGHBOURS = 16
 """Emitters around one with which it may be of one cluster; all pairs would be many where each triangle emits alone."""
-_LEAST_BLOCKS = 30
-"""Pieces of seen surface without which no light is told from a reflectance."""
 _ODDS = 100
 """Beforehand, that a cluster is as it was found. One that was raised in the round before needs no such odds: what is
 hardly worth it would come and go by round."""
@@ -67,7 +65,7 @@ def with_what_they_light(
     if len(certain) == 0:
         return found, ()
     blocks = blocks_of(shards, mesh, np.isin(np.arange(len(mesh.triangles)), found.triangle), cache)
-    if len(blocks.radiance) < _LEAST_BLOCKS:
+    if len(blocks.radiance) < LEAST_BLOCKS:
         return found, ()
     number = np.full(len(found.triangle), -1)
     number[certain] = _clusters(mesh, found.chosen(certain), spacing(blocks.position[:, 0]))
@@ -109,7 +107,7 @@ def beyond(
     """
     light, result = seen.mean(axis=1), np.zeros(len(unsure))
     use = np.flatnonzero((blocks.spread < GLOSSY) & (light > 1e-3 * np.median(light)))
-    if len(use) < max(2 * len(np.unique(blocks.group[use])), _LEAST_BLOCKS):
+    if len(use) < max(2 * len(np.unique(blocks.group[use])), LEAST_BLOCKS):
         return result
     _, group = np.unique(blocks.group[use], return_inverse=True)
     given = straight[use].mean(axis=2)

@@ -12,7 +12,7 @@ from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import median_footprint
-from fipt.scene.surface_blocks import LEAST_SIGMA, Blocks, blocks_of
+from fipt.scene.surface_blocks import LEAST_BLOCKS, LEAST_SIGMA, Blocks, blocks_of
 from fipt.stages.emitters.edges import without_edge
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.observations import grouped_median, guess_confidence
@@ -20,8 +20,6 @@ from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more
 from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained, witnessed
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 
-_LEAST_BLOCKS = 30
-"""Pieces of seen surface without which no light is told from a reflectance."""
 _ENCLOSED = 0.3
 """Share of a patch's light that arrives at seen surface, below which it lies in a gap or a box: no lamp does."""
 _LEVEL = 0.7
@@ -237,7 +235,7 @@ def _trial(
     emitting = np.zeros(len(mesh.triangles), bool)
     emitting[found.triangle] = True
     blocks = blocks_of(shards, mesh, emitting, cache)
-    if len(blocks.radiance) < _LEAST_BLOCKS:
+    if len(blocks.radiance) < LEAST_BLOCKS:
         return None
     lights = Lights(mesh, hidden_triangles(mesh, shards, found), cache, found, environment, blocks.brightest)
     known = seen_light(blocks, lights)

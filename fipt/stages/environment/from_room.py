@@ -13,7 +13,7 @@ from fipt.scene.environment import EnvironmentMap
 from fipt.scene.observed import before_shading
 from fipt.scene.samples import FootprintSamples
 from fipt.scene.sun import Sun
-from fipt.scene.surface_blocks import Blocks, blocks_of
+from fipt.scene.surface_blocks import LEAST_BLOCKS, Blocks, blocks_of
 from fipt.stages.environment.directional import directional_mean, filled
 from fipt.stages.environment.settings import AutoEnvironment, FittedMap
 from fipt.stages.environment.sun import FoundSun, SunSearch
@@ -21,8 +21,6 @@ from fipt.stages.environment.unseen import RoomLight, lit_from_outside, room_lig
 
 _ROWS = 32
 """Rows of the map of what the room tells: its light hardly changes within less than 6 degrees of the sky."""
-_LEAST_BLOCKS = 30
-"""Pieces of seen surface without which no light is told from a reflectance."""
 _SUN = 6000, 16, 64
 """Pieces of surface that tell of a sun, some centimetres wide; samples of each, since the border of what the sun lights
 crosses many; and rays of each sample to all other light."""
@@ -67,7 +65,7 @@ def outside_from_room(
     mesh, observed = dataset.mesh(), before_shading(dataset, shards)
     no_emitters, scene = np.zeros(len(mesh.triangles), bool), RayScene(mesh)
     blocks = blocks_of(observed, mesh, no_emitters, cache)
-    if len(blocks.radiance) < _LEAST_BLOCKS:
+    if len(blocks.radiance) < LEAST_BLOCKS:
         return None
     seen = _SeenSky(pixels, settings)
     light = room_light(blocks, scene, cache, seen.smooth)
