@@ -1,4 +1,4 @@
-"""Groups of what is connected, and what most of a group say."""
+"""Groups of what is connected, what most of a group say, and quantiles of groups."""
 
 from collections.abc import Sequence
 
@@ -39,3 +39,19 @@ def most_frequent(group: np.ndarray, value: np.ndarray, default: np.ndarray) -> 
     result = default.copy()
     result[group[order]] = value[order]  # what has the most votes is written last
     return result
+
+
+def grouped_median(values: np.ndarray, index: np.ndarray, groups: int) -> np.ndarray:
+    """(groups,) or (groups, C) median of ``values`` (N,) or (N, C) per group; every group must have a member."""
+    return grouped_quantile(values, index, groups, 0.5)
+
+
+def grouped_quantile(values: np.ndarray, index: np.ndarray, groups: int, share: float) -> np.ndarray:
+    """(groups,) or (groups, C) quantile of ``values`` per group: the mean of the two members around it."""
+    if values.ndim == 2:
+        return np.stack([grouped_quantile(column, index, groups, share) for column in values.T], axis=1)
+    order = np.lexsort((values, index))
+    count = np.bincount(index, minlength=groups)
+    start = np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64)
+    place, ordered = share * (count - 1), values[order]
+    return 0.5 * (ordered[start + np.floor(place).astype(np.int64)] + ordered[start + np.ceil(place).astype(np.int64)])

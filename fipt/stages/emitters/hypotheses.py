@@ -33,6 +33,7 @@ from functools import cached_property
 import numpy as np
 
 from fipt.conventions import EMITTER_GAIN
+from fipt.groups import grouped_median
 from fipt.model.reflectance import brightest_reflection, line_in_base_color
 from fipt.robust import deviation as robust_deviation
 from fipt.scene.observed import ObservedShard
@@ -40,7 +41,7 @@ from fipt.scene.samples import scene_box
 from fipt.scene.shading import diffuse_shading
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.emitters.fragments import LEAST_DIFFERENCE
-from fipt.stages.emitters.observations import Observations, grouped_median
+from fipt.stages.emitters.observations import Observations
 from fipt.stages.emitters.regions import Surface
 from fipt.stages.emitters.texture import TextureOdds, deviation
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from fipt.groups import grouped_median, grouped_quantile
 from fipt.model.reflectance import brightest_reflection
 from fipt.robust import NORMAL
 from fipt.scene.observed import ObservedShard
@@ -75,22 +76,6 @@ def observations(shards: Sequence[ObservedShard], ratios: bool = True) -> Iterat
 def of_triangles(views: Iterable[Observations], chosen: np.ndarray) -> Observations:
     """Observations of the triangles where ``chosen`` (T,) is true, all views together."""
     return Observations.joined(view[chosen[view.triangle]] for view in views)
-
-
-def grouped_median(values: np.ndarray, index: np.ndarray, groups: int) -> np.ndarray:
-    """(groups,) or (groups, C) median of ``values`` (N,) or (N, C) per group; every group must have a member."""
-    return grouped_quantile(values, index, groups, 0.5)
-
-
-def grouped_quantile(values: np.ndarray, index: np.ndarray, groups: int, share: float) -> np.ndarray:
-    """(groups,) or (groups, C) quantile of ``values`` per group: the mean of the two members around it."""
-    if values.ndim == 2:
-        return np.stack([grouped_quantile(column, index, groups, share) for column in values.T], axis=1)
-    order = np.lexsort((values, index))
-    count = np.bincount(index, minlength=groups)
-    start = np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64)
-    place, ordered = share * (count - 1), values[order]
-    return 0.5 * (ordered[start + np.floor(place).astype(np.int64)] + ordered[start + np.ceil(place).astype(np.int64)])
 
 
 def levels(radiance: np.ndarray, bound: np.ndarray, index: np.ndarray, groups: int) -> tuple[np.ndarray, np.ndarray]:

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from fipt.groups import grouped_median
 from fipt.scene.mesh import Mesh, connected_parts, touching_triangles
 from fipt.scene.observed import ObservedShard
-from fipt.stages.emitters.observations import Observations, grouped_median
+from fipt.stages.emitters.observations import Observations
 
 PIXELS = 9
 """Pixels that a triangle's median needs: with fewer one or two mixed ones shift it."""

@@ -14,11 +14,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
+from fipt.groups import grouped_median
 from fipt.robust import NORMAL
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
 from fipt.stages.emitters.fragments import LEAST_DIFFERENCE, SIGMA
-from fipt.stages.emitters.observations import grouped_median
 from fipt.stages.emitters.regions import ALIKE, PIXELS, Surface, by_part
 
 _BLUR = 2.0

@@ -10,14 +10,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fipt.groups import connected_groups
+from fipt.groups import connected_groups, grouped_median
 from fipt.render.directions import cosine_directions
 from fipt.render.scene import RayScene
 from fipt.scene.emitters import BACK, FRONT, Emitters
 from fipt.scene.mesh import Mesh, points_of
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import ALONE
-from fipt.stages.emitters.observations import grouped_median
 
 LEAST_SEEN = 0.05
 """Share of a sheet's seen area that must be seen of a face: noise of scans turns 1 to 2 % of the triangles."""

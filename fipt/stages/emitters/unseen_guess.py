@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fipt.groups import grouped_median
 from fipt.scene.emitters import Emitters
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
@@ -15,7 +16,7 @@ from fipt.scene.samples import median_footprint
 from fipt.scene.surface_blocks import LEAST_BLOCKS, LEAST_SIGMA, Blocks, blocks_of
 from fipt.stages.emitters.edges import without_edge
 from fipt.stages.emitters.extract import Extracted
-from fipt.stages.emitters.observations import grouped_median, guess_confidence
+from fipt.stages.emitters.observations import guess_confidence
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
 from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained, witnessed
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
