@@ -17,7 +17,8 @@ class Problem:
     """N blocks in G groups, P patches, K clusters of emitters the size of which is not sure; one channel.
 
     ``log_color`` (N,), ``seen`` (N,), ``unseen`` (N, P), ``group`` (N,), ``sigma``, ``tau``; ``clusters`` (N, K) what
-    of the seen light comes straight from each, ``unsure`` (K,) their relative standard deviation beforehand.
+    of the seen light comes straight from each, ``unsure`` (K,) their relative standard deviation beforehand. The
+    patches are the best of so many ``choices``.
     """
 
     log_color: np.ndarray
@@ -28,6 +29,7 @@ class Problem:
     tau: float = 1.0
     clusters: np.ndarray | None = None
     unsure: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    choices: int = 1
 
     @property
     def groups(self) -> int:
@@ -60,6 +62,11 @@ class Minimum:
     def residual(self, problem: Problem) -> np.ndarray:
         """(N,) log residual."""
         return problem.log_color - self.log_rho[problem.group] - np.log(self.light(problem))
+
+    def cost_of_blocks(self, problem: Problem) -> np.ndarray:
+        """(N,) what each block's residual costs."""
+        r = self.residual(problem) / problem.sigma
+        return 0.5 * (FREEDOM + 1) * np.log1p(r * r / FREEDOM) / problem.tau
 
     def scale(self, problem: Problem) -> float:
         """Spread of the residuals, by their median."""

@@ -70,6 +70,8 @@ class Guess:
         Whether the guess is to be used.
     errors
         sigma (relative error of a block's light) and tau (blocks that err alike) of what is left.
+    choices
+        Among how many patches and joins of patches it was searched.
     """
 
     radiance: np.ndarray
@@ -80,6 +82,7 @@ class Guess:
     before: float = 0.0
     determined: bool = False
     errors: tuple[float, float] = (0.15, 1.0)
+    choices: int = 1
 
     @property
     def even_before(self) -> bool:
@@ -97,10 +100,18 @@ class Start:
         Columns of `Patches.candidates` that emitted there.
     errors
         sigma and tau there: only gains of the same are compared.
+    measured
+        Whether light from them is known by many rays: then none stays that few blocks alone tell.
     """
 
     columns: tuple[int, ...]
     errors: tuple[float, float]
+    measured: bool = False
+
+    @classmethod
+    def of_all(cls, patches: Patches, guess: Guess) -> "Start":
+        """All ``patches``, which are those that a ``guess`` found."""
+        return cls(tuple(range(patches.candidates.shape[1])), guess.errors, True)
 
 
 def explained(blocks: Blocks, transport: Transport) -> bool:
@@ -119,13 +130,19 @@ def explained(blocks: Blocks, transport: Transport) -> bool:
 
 
 def explain(
-    blocks: Blocks, patches: Patches, transport: Transport, asked: bool = False, start: Start | None = None
+    blocks: Blocks,
+    patches: Patches,
+    transport: Transport,
+    asked: bool = False,
+    start: Start | None = None,
+    choices: int = 1,
 ) -> Guess:
     """Find the emission of unseen patches that explains the radiance of the blocks best, if any does.
 
     Light may be local if ``asked``: something else says that light is missing. Then light is wrong by `_ERROR` from
     place to place. Else it may be so as a whole, and a guess must matter in half of the room. Without ``start``
-    the search begins with nothing, and measures its errors.
+    the search begins with nothing, and measures its errors. Patches that were found among more ``choices`` than there
+    are now pay for all of that search.
     """
     nothing = Guess(np.zeros((len(patches.area), 3)))
     light = transport.seen.mean(axis=1)
@@ -137,16 +154,21 @@ def explain(
     _, group = np.unique(blocks.group[use], return_inverse=True)
     floor = 1e-3 * max(float(np.median(light[use])), 1e-9)
     given = transport.unseen[use] @ members
-    problem = Problem(np.log(blocks.radiance[use].mean(axis=1)), np.maximum(light[use], floor), given, group)
+    log_color = np.log(blocks.radiance[use].mean(axis=1))
+    choices = max(choices, given.shape[1])
+    problem = Problem(log_color, np.maximum(light[use], floor), given, group, choices=choices)
     if start is None:
         before, after, problem = searched(problem, blocks.position[use, 0])
     else:
         problem = replace(problem, sigma=start.errors[0], tau=start.errors[1])
         before, after = minimum(problem, ()), _best(problem, start.columns)
     after = _joined(problem, after, members)
+    if start is not None and start.measured:
+        after = _without_local_errors(problem, after)
     gain = before.cost - _criterion(after, problem) if after.support else 0.0
     if not after.support or gain <= 0:
-        return replace(nothing, gain=float(min(gain, 0.0)), left=before.scale(problem), before=before.scale(problem))
+        left = before.scale(problem)
+        return replace(nothing, gain=float(min(gain, 0.0)), left=left, before=left, choices=choices)
     chosen = members[:, list(after.support)]
     whole = chosen @ after.radiance
     share = float(np.median(1 - problem.seen / after.light(problem)))
@@ -165,6 +187,7 @@ def explain(
         before=before.scale(problem),
         determined=bool(spread < _UNSURE and after.middle >= _darkest(before)),
         errors=(problem.sigma, problem.tau),
+        choices=choices,
     )
 
 
@@ -190,7 +213,7 @@ def witnessed(guess: Guess, blocks: Blocks, patches: Patches, transport: Transpo
     for k in np.unique(group[asks]):
         factor[group == k] = np.exp(MIDDLE - np.median(level[group == k]))
     usual = replace(blocks, group=group, radiance=blocks.radiance * factor[:, None])
-    found = explain(usual, patches, transport, True, Start(tuple(range(patches.candidates.shape[1])), guess.errors))
+    found = explain(usual, patches, transport, True, Start.of_all(patches, guess), guess.choices)
     return guess if found.determined else found
 
 
@@ -232,10 +255,32 @@ def _joined(problem: Problem, state: Minimum, members: np.ndarray) -> Minimum:
     return state
 
 
+def _without_local_errors(problem: Problem, state: Minimum) -> Minimum:
+    """Leave out patches, one by one, that are worth their price by few blocks alone.
+
+    A single error of the light is that of `Problem.tau` blocks: without as many, those that gain most, a patch must
+    still be worth it.
+    """
+    alike = round(problem.tau)
+    while state.support:
+        fewer = [minimum(problem, tuple(k for k in state.support if k != patch)) for patch in state.support]
+        gains = [each.cost_of_blocks(problem) - state.cost_of_blocks(problem) for each in fewer]
+        most = np.array([np.maximum(np.sort(gain)[-alike:], 0).sum() for gain in gains])
+        worth = np.array([each.cost for each in fewer]) - state.cost - most
+        if worth.min() >= _price(problem):
+            break
+        state = fewer[int(worth.argmin())]
+    return state
+
+
 def _criterion(state: Minimum, problem: Problem) -> float:
     """Cost of a minimum and of its patches."""
-    count, patches = problem.unseen.shape
-    return state.cost + len(state.support) * (0.5 * np.log(count / problem.tau) + np.log(max(patches, 1)))
+    return state.cost + len(state.support) * _price(problem)
+
+
+def _price(problem: Problem) -> float:
+    """What a patch must gain."""
+    return float(0.5 * np.log(len(problem.seen) / problem.tau) + np.log(float(problem.choices)))
 
 
 def _next(problem: Problem, state: Minimum) -> int:

@@ -250,7 +250,7 @@ def _trial(
     trial = _finer(offered(patches_of(mesh, met, part)), offered, mesh)
     if (hidden & (before >= 0)).any():
         old = patches_as_before(mesh, met | hidden & (before >= 0), part, before)
-        again = offered(old, trial if trial.guess.determined else None)
+        again = offered(old, trial if trial.guess.determined else None, trial.guess.choices)
         better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
         trial = again if again.guess.determined and better else trial
     return _measured(trial, lights, asked) if trial.guess.determined else trial
@@ -284,10 +284,12 @@ def _offered(
     asked: bool,
     patches: Patches,
     after: _Trial | None = None,
+    choices: int = 1,
 ) -> _Trial:
     """Guess which patches emit, of those of an area of ``least`` or more, square metres: others hide in a mesh's gaps.
 
-    ``after`` another guess, the search begins with its small parts, under its errors.
+    ``after`` another guess, the search begins with its small parts, under its errors. Patches that were found among
+    more ``choices`` pay for all of them.
     """
     transport = with_patches(blocks, patches, lights, known)
     # of what a patch sends out, pi times its area and radiance, blocks have a sample
@@ -299,7 +301,7 @@ def _offered(
     start = None
     if after is not None:
         start = Start(patches.columns_of(after.patches.small(after.emits)), after.guess.errors)
-    return _Trial(blocks, transport, patches, explain(blocks, patches, transport, asked, start))
+    return _Trial(blocks, transport, patches, explain(blocks, patches, transport, asked, start, choices))
 
 
 def _measured(trial: _Trial, lights: Lights, asked: bool) -> _Trial:
@@ -314,8 +316,9 @@ def _measured(trial: _Trial, lights: Lights, asked: bool) -> _Trial:
     # equally bright patches are one emitter
     piece = np.unique(trial.guess.radiance[emits], axis=0, return_inverse=True)[1].reshape(-1)
     patches = replace(patches, piece=piece, kept=np.ones(len(piece), bool))
-    every = Start(tuple(range(patches.candidates.shape[1])), trial.guess.errors)
-    return _Trial(trial.blocks, transport, patches, explain(trial.blocks, patches, transport, asked, every))
+    found = trial.guess
+    again = explain(trial.blocks, patches, transport, asked, Start.of_all(patches, found), found.choices)
+    return _Trial(trial.blocks, transport, patches, again)
 
 
 def _lit(

@@ -291,6 +291,39 @@ def test_a_patch_that_was_chosen_early_is_exchanged_for_a_better_one(np_rng):
     np.testing.assert_array_equal(np.flatnonzero(guess.radiance.any(axis=1)), [3])
 
 
+@pytest.mark.parametrize("blocks_lit", [4, 16])
+def test_what_few_blocks_alone_tell_is_no_lamp(np_rng, blocks_lit):
+    """Four blocks are three times as bright as the light there explains; as many as three err alike."""
+    blocks, patches, transport = problem(np_rng, np.zeros(40))
+    lit = np.arange(blocks_lit) * 20  # each of another colour
+    unseen = np.zeros_like(transport.unseen)
+    unseen[lit, 3] = 0.4
+    blocks.radiance[lit] *= 3
+    errors = 0.05, 3.0
+    near = replace(transport, unseen=unseen)
+    assert explain(blocks, patches, near, True, Start((3,), errors)).radiance[3].any()
+    guess = explain(blocks, patches, near, True, Start((3,), errors, measured=True))
+    assert guess.determined == guess.radiance[3].any() == (blocks_lit > 4)
+
+
+def test_who_looks_closer_pays_for_the_whole_search(np_rng):
+    """A patch that is worth its price among forty is not among as many as an e to the power of its gain."""
+    blocks, patches, transport = problem(np_rng, np.where(np.arange(40) == 3, 0.3, 0))
+    chosen = replace(patches, kept=np.arange(40) == 3, piece=np.where(np.arange(40) == 3, 0, -1))
+    found = explain(blocks, patches, transport, True)
+    assert found.choices == 40
+    start = Start.of_all(chosen, found)
+    again = explain(blocks, chosen, transport, True, start, found.choices)
+    assert again.choices == 40
+    assert again.gain == pytest.approx(found.gain, rel=0.1)
+    alone = explain(blocks, chosen, transport, True, start)
+    assert alone.choices == 1
+    assert alone.gain == pytest.approx(again.gain + np.log(40), abs=0.01)
+    many = explain(blocks, chosen, transport, True, start, int(np.exp(min(found.gain, 80)) * 41))
+    assert not many.radiance.any()
+    assert many.choices > 40
+
+
 def test_nothing_unseen_is_no_guess(np_rng):
     blocks, _, transport = problem(np_rng, np.full(40, 5.0))
     number, none = np.full(100, -1), np.zeros(0)
@@ -535,6 +568,9 @@ def test_what_emits_is_measured_by_more_rays(backend, np_rng):
     assert found.guess.determined
     np.testing.assert_allclose(found.guess.radiance, 5, rtol=0.05)
     assert len(np.unique(found.guess.radiance[:, 0])) == 1  # still one emitter
+    searched = replace(guess, choices=10**40)
+    found = unseen_guess._measured(unseen_guess._Trial(blocks, few, patches, searched), own, True)
+    assert not found.guess.determined, "it is not worth the price of so long a search"
     dark = replace(blocks, radiance=np.full((300, 3), 0.04))  # as without the panel
     found = unseen_guess._measured(unseen_guess._Trial(dark, few, patches, guess), own, True)
     assert not found.guess.determined
@@ -633,15 +669,22 @@ def test_what_was_guessed_before_stays_unless_another_guess_gains_more(
     guessing, floor_and_ceiling, monkeypatch, gain, radiance
 ):
     """It gains 4; the panel is offered as hidden surface too, and gains nothing, less or more."""
-    none = Guess(np.zeros((1, 3)), before=0.4)
+    none = Guess(np.zeros((1, 3)), before=0.4, choices=33)
     guessing(none)
 
-    def told_of(patches):
+    asked = []
+
+    def told_of(patches, _transport, _asked, _start=None, choices=1):
+        asked.append((patches.kept.any(), choices))
         if patches.kept.any():
             return Guess(np.tile(7.0 * patches.kept[:, None], (1, 3)), 0.3, 0.1, 4.0, 0.06, 0.25, True)
-        return none if gain is None else Guess(np.full((len(patches.area), 3), 2.0), 0.3, 0.1, gain, 0.06, 0.25, True)
+        return (
+            none
+            if gain is None
+            else Guess(np.full((len(patches.area), 3), 2.0), 0.3, 0.1, gain, 0.06, 0.25, True, choices=33)
+        )
 
-    monkeypatch.setattr(unseen_guess, "explain", lambda _, patches, *__: told_of(patches))
+    monkeypatch.setattr(unseen_guess, "explain", lambda _, *given: told_of(*given))
     monkeypatch.setattr(unseen_guess, "with_patches", lambda _, patches, *__: evenly(len(patches.area)))
     mesh, extracted = floor_and_ceiling, Extracted(Emitters.none(), Undecided.none())
     before, rejected = np.array([-1, -1, 5, 5]), np.zeros(4, bool)
@@ -649,6 +692,7 @@ def test_what_was_guessed_before_stays_unless_another_guess_gains_more(
     np.testing.assert_array_equal(told.emitters.triangle, [2, 3])
     np.testing.assert_array_equal(told.emitters.radiance, radiance)
     assert told.emitters.guessed.all()
+    assert {choices for kept, choices in asked if kept} == {33}, "it pays for the new search"
     nothing = unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, before >= 0, before).emitters
     assert (nothing.radiance != 7).all()  # a person rejected it
 
