@@ -13,7 +13,8 @@ A region is metal where its own pixels clearly prove it. Legs and frames fill to
 them only a little better than a dielectric. They count as metal where another region proves one of their colour; where
 metal alone has that colour in the room, even if a dielectric explains them as well. Pixels that prove it must outnumber
 undecided ones, or half of them where the colour is nearly the same. A region is no metal by its colour if it has, as a
-dielectric, a colour that is more common among clear dielectrics. Copies of one shape judge together
+dielectric, a colour that is more common among clear dielectrics. What tells neither goes with the clear metal around it
+(`fipt.stages.segment.surrounded`). Copies of one shape judge together
 (`fipt.stages.segment.copies`). Pixels beside emitters are left out. A region that has no others, as bars of a window,
 is no metal, and where most are left out what is left must explain metal better; unless its copies elsewhere are metal.
 """
@@ -24,6 +25,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fipt.formats.files import check_memory
+from fipt.meshing.copies import first_copies
+from fipt.scene.mesh import Mesh
 from fipt.scene.metals import JudgedMetals
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box, segments_of_triangles
@@ -44,6 +47,7 @@ from fipt.stages.segment.material_evidence import (
     worse,
 )
 from fipt.stages.segment.region_pixels import RegionPixels, region_pixels, shared_pixels
+from fipt.stages.segment.surrounded import with_surrounded
 
 _LIKELY_ERRORS = 1.0
 """The same for a region whose colour metal alone has in the room: more than these, and it stays what it is."""
@@ -78,7 +82,7 @@ class RegroupedParts:
 
 
 def regrouped(
-    shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], copies: np.ndarray, alike: float = 1.0
+    shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], mesh: Mesh, alike: float = 1.0
 ) -> RegroupedParts:
     """Regions of pixels to parts of pixels.
 
@@ -86,8 +90,6 @@ def regrouped(
     ----------
     regions
         Per shard: (P,) uint16 region of each pixel, 0 = unknown.
-    copies
-        (T,) triangle of which each is a copy, as of `first_copies`.
     alike
         How many pieces of a region err as one: their evidence has that much more variance.
     """
@@ -99,6 +101,8 @@ def regrouped(
         counted = _mostly_counted(shards, regions, known)
         evidence = with_likely_metals(replace(evidence, products=evidence.products * alike), counted)
         _, of_triangle = segments_of_triangles([shard.samples for shard in shards], regions)
+        evidence = with_surrounded(evidence, mesh, of_triangle, known, counted)
+        copies = first_copies(mesh)
         evidence = judged_with_copies(evidence, copied_regions(copies, of_triangle, known))
         voters = _voters(evidence, counted)
         asked = np.setdiff1d(present, known[voters])

@@ -72,7 +72,6 @@ def _regrouped(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, 
     """Find the parts under this round's shading and write them; return the figures."""
     from fipt.formats.files import atomic_folder
     from fipt.formats.images import write_png
-    from fipt.meshing.copies import first_copies
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import read_emitters
     from fipt.scene.metals import write_metals
@@ -90,7 +89,7 @@ def _regrouped(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, 
     before = [segments_of(data, shard.samples, kind) for shard in shards]
     regions, cuts, alike = divided(shards, before) if settings.divide else (before, 0, 1.0)
     mesh = data.mesh()
-    found = regrouped(shards, regions, first_copies(mesh), alike)
+    found = regrouped(shards, regions, mesh, alike)
     parts = found.parts
     if settings.borders:
         parts = borders_moved(mesh, shards, parts)

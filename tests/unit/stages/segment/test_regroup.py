@@ -344,6 +344,26 @@ def test_the_verb_joins_classes_where_there_are_no_parts(scene: Path, tmp_path: 
     assert Dataset(scene / "dataset", inputs.out).segment_kind() == "part"
 
 
+def test_the_verb_asks_what_is_around(scene: Path, tmp_path: Path, monkeypatch):
+    """As if clear metal were around every region."""
+
+    def metal(evidence, mesh, region, known, counted):
+        assert len(region) <= len(mesh.triangles)
+        assert len(known) == len(counted) == len(evidence.pixels)
+        return replace(evidence, metal=np.ones(len(known), bool))
+
+    monkeypatch.setattr("fipt.stages.segment.regroup.with_surrounded", metal)
+    inputs = RegroupInputs(
+        dataset=scene / "dataset",
+        samples=(scene / "samples" / "train-000",),
+        shading=(scene / "round-0" / "shading" / "train-000",),
+        out=tmp_path / "segments",
+        manifest=tmp_path / "segments.manifest.json",
+    )
+    figures = run(inputs, RegroupSettings())
+    assert len(Dataset(scene / "dataset", inputs.out).metals().roughness) == figures["materials"] > 0
+
+
 def test_the_verb_asks_what_copies_tell(scene: Path, tmp_path: Path, monkeypatch):
     """As if each two triangles were of one shape, and copies made everything metal."""
     asked = []
@@ -352,7 +372,7 @@ def test_the_verb_asks_what_copies_tell(scene: Path, tmp_path: Path, monkeypatch
         asked.append(copies)
         return replace(evidence, metal=np.ones(len(evidence.pixels), bool))
 
-    monkeypatch.setattr("fipt.meshing.copies.first_copies", lambda mesh: np.arange(len(mesh.triangles)) % 2)
+    monkeypatch.setattr("fipt.stages.segment.regroup.first_copies", lambda mesh: np.arange(len(mesh.triangles)) % 2)
     monkeypatch.setattr("fipt.stages.segment.regroup.judged_with_copies", metal)
     inputs = RegroupInputs(
         dataset=scene / "dataset",
@@ -465,7 +485,7 @@ def test_weights_that_are_alike_tell_as_much_as_full_ones(np_rng, weight):
     samples = scenes.samples_of(found.place, triangle=found.region, normal=np.float32(found.normal))
     ids = (found.region + 1).astype(np.uint16)
     image = [(found.radiance, np.full(len(ids), weight, np.float32))]
-    parts = regroup.regrouped(scenes.observed([samples], [found.shading], image), [ids], np.arange(2))
+    parts = regroup.regrouped(scenes.observed([samples], [found.shading], image), [ids], scenes.floor())
     assert (parts.materials, list(parts.metals.roughness)) == (1, [1])
     training = scenes.training_pixels([samples], [found.shading], image, [ids])
     searched = estimate_parts(training, np.array([1, 0.5, 0.0]), 2.1, 1.5)
