@@ -35,7 +35,7 @@ SECTIONS: dict[str, Section] = {
     "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 4),
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 3),
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 6),
-    "import": Section("fipt.stages.importing.settings:ImportSettings", 11),
+    "import": Section("fipt.stages.importing.settings:ImportSettings", 12),
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 6),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 16),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 6),

@@ -28,6 +28,7 @@ from fipt.settings import dumped
 from fipt.stages.importing.downscale import downscale
 from fipt.stages.importing.encoding import sentences
 from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
+from fipt.stages.importing.masked import mask_occluders
 from fipt.stages.importing.place import (
     Geometry,
     PlacedMesh,
@@ -243,6 +244,9 @@ def _write_mesh(
 
         mesh, added, said = with_missing_emitters(mesh, train, radiance)
         figures |= added
+        warnings += said
+    if settings.mask_occluders and settings.prepare != "never" and (done or figures["prepared"]):
+        figures["occluded"], said = mask_occluders(folder, mesh, train)
         warnings += said
     figures |= room.figures
     figures["warnings"] = [*room.figures.get("warnings", ()), *warnings]

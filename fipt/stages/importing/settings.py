@@ -42,6 +42,11 @@ class ImportSettings(Settings):
         description="cut a prepared mesh along sharp edges of radiance, and part what they enclose",
     )
 
+    mask_occluders: bool = Field(
+        default=True,
+        description="leave out pixels of training views that show something dark before the surface of a prepared "
+        "mesh, or of one of photographs, which lacks it",
+    )
     add_emitters: bool = Field(
         default=True, description="put spheres into the mesh where the views show round lamps that it lacks"
     )
