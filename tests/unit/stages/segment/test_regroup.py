@@ -344,6 +344,16 @@ def test_the_verb_joins_classes_where_there_are_no_parts(scene: Path, tmp_path: 
     assert Dataset(scene / "dataset", inputs.out).segment_kind() == "part"
 
 
+def inputs_of(scene: Path, folder: Path) -> RegroupInputs:
+    return RegroupInputs(
+        dataset=scene / "dataset",
+        samples=(scene / "samples" / "train-000",),
+        shading=(scene / "round-0" / "shading" / "train-000",),
+        out=folder / "segments",
+        manifest=folder / "segments.manifest.json",
+    )
+
+
 def test_the_verb_asks_what_is_around(scene: Path, tmp_path: Path, monkeypatch):
     """As if clear metal were around every region."""
 
@@ -353,13 +363,7 @@ def test_the_verb_asks_what_is_around(scene: Path, tmp_path: Path, monkeypatch):
         return replace(evidence, metal=np.ones(len(known), bool))
 
     monkeypatch.setattr("fipt.stages.segment.regroup.with_surrounded", metal)
-    inputs = RegroupInputs(
-        dataset=scene / "dataset",
-        samples=(scene / "samples" / "train-000",),
-        shading=(scene / "round-0" / "shading" / "train-000",),
-        out=tmp_path / "segments",
-        manifest=tmp_path / "segments.manifest.json",
-    )
+    inputs = inputs_of(scene, tmp_path)
     figures = run(inputs, RegroupSettings())
     assert len(Dataset(scene / "dataset", inputs.out).metals().roughness) == figures["materials"] > 0
 
@@ -374,13 +378,7 @@ def test_the_verb_asks_what_copies_tell(scene: Path, tmp_path: Path, monkeypatch
 
     monkeypatch.setattr("fipt.stages.segment.regroup.first_copies", lambda mesh: np.arange(len(mesh.triangles)) % 2)
     monkeypatch.setattr("fipt.stages.segment.regroup.judged_with_copies", metal)
-    inputs = RegroupInputs(
-        dataset=scene / "dataset",
-        samples=(scene / "samples" / "train-000",),
-        shading=(scene / "round-0" / "shading" / "train-000",),
-        out=tmp_path / "segments",
-        manifest=tmp_path / "segments.manifest.json",
-    )
+    inputs = inputs_of(scene, tmp_path)
     figures = run(inputs, RegroupSettings())
     (copies,) = asked
     assert copies.shape[1] > 0
