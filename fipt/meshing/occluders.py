@@ -28,6 +28,8 @@ _DARKER = 6.0
 creases and textures, of which each view sees other pixels."""
 _CELL = 2.0
 """Side of a cell in pixels of the median distance: several pixels, and less than a thing's shadow."""
+_LARGER = 8
+"""Side of larger cells, in cells, in which the noise of a surface is measured as well: half a metre of a room."""
 _CELLS = 1 << 18
 """Cells along the box; more than any room has."""
 _STEP = 8.0
@@ -112,6 +114,15 @@ def _seen(scene: RayScene, camera: Camera, radiance: Radiance, side: float) -> _
     return _ViewCells(cell, key, mean, np.sqrt(square))
 
 
+def _around(key: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """(C,) median ``noise`` (C,) of cells in the larger cell of each, by their keys: that of a mirror in all of it."""
+    cell, facing = np.divmod(key, FACINGS)
+    places = [cell // _CELLS**axis % _CELLS // _LARGER for axis in range(3)]
+    large = ((places[2] * _CELLS + places[1]) * _CELLS + places[0]) * FACINGS + facing
+    names, own = np.unique(large, return_inverse=True)
+    return grouped_median(noise, own.reshape(-1), len(names))[own.reshape(-1)]
+
+
 def _darker(views: Sequence[_ViewCells]) -> list[tuple[np.ndarray, np.ndarray]]:
     """(C,) bool of each view twice: its cells that views enough see, and those that are far darker than most say."""
     key, own = np.unique(np.concatenate([view.key for view in views]), return_inverse=True)
@@ -129,5 +140,8 @@ def _darker(views: Sequence[_ViewCells]) -> list[tuple[np.ndarray, np.ndarray]]:
             off = grouped_median(mean, own, count)[own] - mean
         room = max(NORMAL * float(np.median(np.abs(off[several]))), _NOISE)
         noise = np.maximum(NORMAL * grouped_median(np.abs(off), own, count), grouped_median(within, own, count))
-        dark = several & (off > _DARKER * np.maximum(noise, room)[own])
+        noise = np.maximum(noise, room)
+        several_see = np.bincount(own, minlength=count) >= _VIEWS
+        noise[several_see] = np.maximum(noise[several_see], _around(key[several_see], noise[several_see]))
+        dark = several & (off > _DARKER * noise[own])
     return [(several[at], dark[at]) for at in cells]
