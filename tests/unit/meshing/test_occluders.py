@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from fipt.meshing import occluders
 from fipt.meshing.occluders import occluded
+from fipt.scene.voxels import FACINGS, voxel_keys
 from tests.lit_ball import PLACES, WALLS, box, cameras, shown, with_shining
 
 pytestmark = pytest.mark.usefixtures("backend")
@@ -84,3 +86,18 @@ def test_views_that_see_nothing(valid):
 def test_pixels_without_weight_say_nothing():
     masks, _ = masks_of(WALLS, valid=0.0)
     assert not np.any(masks)
+
+
+def test_a_quiet_cell_in_a_mirror_has_the_noise_of_the_mirror():
+    """Two blocks of cells side by side, one of a mirror and one of a wall; half a metre behind each another surface."""
+    side = float(occluders._CELLS)  # cells of 1 m
+    x, y, depth = (axis.ravel() for axis in np.meshgrid(np.arange(16), np.arange(8), [0, 8], indexing="ij"))
+    place = np.column_stack([x, y, depth]) + 0.5
+    mirror = (x < 8) & (depth == 0)
+    noise = np.where(mirror & (y != 3), 0.5, 0.02)
+    for facing in (0, 5):
+        keys = voxel_keys(place, np.zeros(3), side, occluders._CELLS) * FACINGS + facing
+        np.testing.assert_array_equal(occluders._around(keys, noise), np.where(mirror, 0.5, 0.02))
+    both = np.concatenate([keys, keys - 1])  # the same places, seen from another side
+    around = occluders._around(both, np.concatenate([noise, 0 * noise + 0.1]))
+    np.testing.assert_array_equal(around[len(keys) :], 0.1)
