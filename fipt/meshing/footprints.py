@@ -43,6 +43,8 @@ class SeenSurface:
 
 def seen_surface(mesh: Mesh, cameras: Sequence[Camera]) -> SeenSurface:
     """Trace rays through pixel centres of the cameras, every pixel or evenly some; Mitsuba's variant must be set."""
+    if not cameras:
+        return SeenSurface(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros(0, np.int32))
     scene = RayScene(mesh)
     pixels = sum(camera.width * camera.height for camera in cameras)
     step = max(1, int(np.ceil(np.sqrt(pixels / _RAYS))))

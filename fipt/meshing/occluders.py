@@ -66,14 +66,14 @@ def occluded(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) -> tuple
     mesh
         Of a scan, or of photographs.
     cameras, radiance
-        The training views, and what they show; what has no weight is not compared, as are lower bounds.
+        The training views, and what they show; pixels without weight are not compared.
 
     Returns
     -------
     masks
         (H, W) bool of each camera.
     odd
-        Names of views that are darker in so many places that nothing is left out of them: they are misplaced.
+        Names of views that are darker in so many places that nothing is left out of them: misplaced, or of another day.
     """
     footprint = seen_surface(mesh, cameras).footprint
     masks, odd = [np.zeros((camera.height, camera.width), bool) for camera in cameras], []
@@ -92,7 +92,7 @@ def occluded(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) -> tuple
 
 
 def _seen(scene: RayScene, camera: Camera, radiance: Radiance, side: float) -> _ViewCells:
-    """What a view says of the cells of a side, metres, that its pixel centres show."""
+    """What a view says of cells that its pixel centres show; their ``side`` is in metres."""
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
     directions = camera.directions(columns, rows).reshape(-1, 3)
     distance, triangle = scene.intersect(camera.center, directions)
@@ -115,7 +115,11 @@ def _seen(scene: RayScene, camera: Camera, radiance: Radiance, side: float) -> _
 
 
 def _around(key: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """(C,) median ``noise`` (C,) of cells in the larger cell of each, by their keys: that of a mirror in all of it."""
+    """(C,) median of the ``noise`` (C,) of all cells that lie in one larger cell with each.
+
+    In a mirror most cells are noisy, and those that are not by chance have the noise of the others. ``key`` (C,) is
+    that of `_ViewCells`.
+    """
     cell, facing = np.divmod(key, FACINGS)
     places = [cell // _CELLS**axis % _CELLS // _LARGER for axis in range(3)]
     large = ((places[2] * _CELLS + places[1]) * _CELLS + places[0]) * FACINGS + facing

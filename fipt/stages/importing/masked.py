@@ -30,7 +30,7 @@ def mask_occluders(folder: Path, mesh: Mesh, cameras: Sequence[Camera]) -> tuple
     share
         Of the pixels of all views.
     warnings
-        Of views that are darker than others in so many places that they are misplaced.
+        Of views that are darker than the others in so many places that nothing is left out of them.
     """
     from fipt.meshing.occluders import occluded
 

@@ -90,6 +90,8 @@ def regrouped(
     ----------
     regions
         Per shard: (P,) uint16 region of each pixel, 0 = unknown.
+    mesh
+        That the samples show: its copies of shapes, and its borders.
     alike
         How many pieces of a region err as one: their evidence has that much more variance.
     """

@@ -83,6 +83,10 @@ def test_views_that_see_nothing(valid):
     assert not np.any(masks)
 
 
+def test_no_view_is_no_error():
+    assert occluded(WALLS, [], {}.__getitem__) == ([], [])
+
+
 def test_pixels_without_weight_say_nothing():
     masks, _ = masks_of(WALLS, valid=0.0)
     assert not np.any(masks)
