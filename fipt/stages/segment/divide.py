@@ -8,7 +8,8 @@ the materials leave of the pieces, the border, and the second material's paramet
 - one material is the shorter description. Neighbouring pieces err alike, for shading errs smoothly: what is left counts
   1 / tau, tau being the number of pieces that err as one, which is measured in the room;
 - or materials fade into each other: the step at the border is less than half of the difference of the two. So walls
-  whose shading drifts stay whole.
+  whose shading drifts stay whole. Where one is clearly a metal and the other one clearly a dielectric no step is asked
+  for: nothing fades from one to the other, and the pieces at the border of a mirror hold some of both.
 
 Halves that turn out to be of one material after all are joined again by `fipt.stages.segment.regroup`.
 """
@@ -24,7 +25,17 @@ from fipt.robust import deviation, spread
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box
 from fipt.scene.segments import LARGEST_ID
-from fipt.stages.segment.material_evidence import HALF, TRIALS, ColorPieces, color_pieces, misfit
+from fipt.stages.segment.material_evidence import (
+    HALF,
+    TRIALS,
+    ColorPieces,
+    best_trials,
+    color_pieces,
+    is_dielectric,
+    is_metal,
+    misfit,
+    worse,
+)
 from fipt.stages.segment.region_pixels import region_pixels
 
 log = logging.getLogger(__name__)
@@ -105,10 +116,7 @@ def materials_of(pieces: ColorPieces) -> tuple[list[tuple[int, np.ndarray, np.nd
     regions = [np.flatnonzero((pieces.owner == k) & pieces.judged) for k in range(int(pieces.owner.max()) + 1)]
     regions = {k: own for k, own in enumerate(regions) if len(own) >= _FEWEST}
     residual, variance = _scales(pieces, list(regions.values()))
-    parts = {
-        k: _Region(pieces.left[own], pieces.color[own], pieces.voxel[own], residual, variance)
-        for k, own in regions.items()
-    }
+    parts = {k: _Region(pieces, own, residual, variance) for k, own in regions.items()}
     alike, cuts = _alike(list(parts.values())), []
     for number, part in parts.items():
         found = sorted(part.materials(alike), key=len, reverse=True)
@@ -153,24 +161,22 @@ class _Region:
 
     Parameters
     ----------
-    left, color
-        (K, T) mean difference that a trial leaves, and (K, T, 3) comparable colour that goes with it.
-    voxel
-        (K, 3) int64 voxels of the pieces.
+    pieces, own
+        All pieces, and which of them (K,) are the region's.
     residual, variance
-        Scale of ``left``, and variance (3,) of the colours, of ordinary pieces.
+        Scale of what a trial leaves, and variance (3,) of the colours, of ordinary pieces.
     """
 
-    def __init__(
-        self, left: np.ndarray, color: np.ndarray, voxel: np.ndarray, residual: float, variance: np.ndarray
-    ) -> None:
-        self._left, self._color = left / residual, color
+    def __init__(self, pieces: ColorPieces, own: np.ndarray, residual: float, variance: np.ndarray) -> None:
+        self._left, self._residual, self._number = pieces.left[own] / residual, residual, pieces.number[own]
+        self._color = color = pieces.color[own]
+        voxel = pieces.voxel[own]
         self._odd = voxel.sum(axis=1) % 2 > 0
         pairs = cKDTree(voxel).query_pairs(1.0, p=np.inf, output_type="ndarray")
         ends = np.concatenate([pairs, pairs[:, ::-1]])
         ones = np.ones(len(ends))
-        self.near: csr_matrix = coo_matrix((ones, (ends[:, 0], ends[:, 1])), shape=(len(left),) * 2).tocsr()
-        self._border = min(_SIDES * len(left) / max(len(ends), 1), 1.0) * _TURN
+        self.near: csr_matrix = coo_matrix((ones, (ends[:, 0], ends[:, 1])), shape=(len(own),) * 2).tocsr()
+        self._border = min(_SIDES * len(own) / max(len(ends), 1), 1.0) * _TURN
         # texture is what neighbours differ by
         steps = np.abs(color[pairs[:, 0]] - color[pairs[:, 1]]) if len(pairs) else np.zeros((1, *color.shape[1:]))
         self._variance = np.maximum(variance, deviation(steps, axis=0) ** 2 / 2)
@@ -213,7 +219,8 @@ class _Region:
             found = self._shared_out(pieces, near, start, border)
             if found is not None and found[0] < shortest:
                 shortest, best = found
-        return best if best is not None and self._sharp(pieces, near, best) else None
+        sound = best is not None and (self._of_two_kinds(pieces, best, alike) or self._sharp(pieces, near, best))
+        return best if sound else None
 
     def _starts(self, pieces: np.ndarray) -> Iterator[np.ndarray]:
         """Guesses (K,) bool of a second material: metal, another colour, what one material explains badly."""
@@ -247,6 +254,18 @@ class _Region:
             return None
         total = sum(float(self.cost(self.material(pieces[own]), pieces[own]).sum()) for own in (~second, second))
         return total + border * float((near @ second.astype(np.float64))[~second].sum()), second
+
+    def _of_two_kinds(self, pieces: np.ndarray, second: np.ndarray, alike: float) -> bool:
+        """Whether one of the two materials (K,) is clearly a metal, and the other one clearly a dielectric."""
+        halves = [pieces[own] for own in (~second, second)]
+        rows = [self._number[half, None] * self._left[half] * self._residual for half in halves]
+        left, judged = np.stack([row.sum(axis=0) for row in rows]), np.array([self._number[h].sum() for h in halves])
+        products = alike * np.stack([row.T @ row for row in rows])
+        dielectrics, metals = slice(None, HALF), slice(HALF, None)
+        best = [best_trials(left, left.sum(axis=0), kind) for kind in (dielectrics, metals)]
+        metal = is_metal(left, judged) & worse(left, products, best[0], metals)
+        dielectric = is_dielectric(left, judged) & worse(left, products, best[1], dielectrics)
+        return bool((metal & dielectric[::-1]).any())
 
     def _sharp(self, pieces: np.ndarray, near: csr_matrix, second: np.ndarray) -> bool:
         """Whether the two materials (K,) meet in a step, or never."""

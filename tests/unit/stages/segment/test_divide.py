@@ -1,0 +1,92 @@
+"""A region that holds two materials is cut where they meet."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fipt.model.reflectance import line_in_base_color
+from fipt.stages.segment import divide
+from fipt.stages.segment.divide import materials_of
+from fipt.stages.segment.material_evidence import color_pieces
+from tests.unit.stages.segment.test_regroup import RED, WHITE, pixels
+
+DARK = (0.2, 0.2, 0.2)
+
+
+@pytest.mark.parametrize(
+    "second", [(WHITE, 0.1, 1.0), ((0.2, 0.2, 0.2), 0.8, 0.0)], ids=["a mirror", "a darker colour"]
+)
+def test_a_region_of_two_materials_is_cut_where_they_meet(np_rng, second):
+    found = pixels(np_rng, [(WHITE, 0.8, 0.0), second, (WHITE, 0.8, 0.0), (RED, 0.8, 0.0)], grid=12)
+    region = np.maximum(found.region - 1, 0)  # the first two are one
+    pieces = color_pieces(found, region, 3, np.zeros(3), 8.0)
+    cuts, _ = materials_of(pieces)
+    assert [number for number, _, _ in cuts] == [0]
+    _, own, label = cuts[0]
+    right = pieces.place[own, 0] > 1
+    assert label.max() == 1
+    assert np.mean(label == label[right][0]) == pytest.approx(0.5, abs=0.05)
+    assert np.mean((label == label[right][0]) == right) > 0.95
+
+
+def test_a_wall_whose_shading_drifts_stays_whole(np_rng):
+    found = pixels(np_rng, [(WHITE, 0.8, 0.0), (RED, 0.8, 0.0)], grid=12)
+    drift = np.exp(1.2 * (found.place[:, :1] - 1)).astype(np.float32)  # as much as between two colours, but gradual
+    found = replace(found, radiance=found.radiance * drift)
+    assert materials_of(color_pieces(found, found.region, 2, np.zeros(3), 8.0))[0] == []
+
+
+@pytest.mark.parametrize(
+    ("second", "count"), [((WHITE, 0.1, 1.0), 1), ((DARK, 0.8, 0.0), 0)], ids=["a mirror", "a darker colour"]
+)
+def test_nothing_fades_from_paint_to_metal(np_rng, second, count):
+    """Pixels along the border hold some of both: a mirror is cut out all the same, what fades into dark stays."""
+    found = pixels(np_rng, [(WHITE, 0.8, 0.0), second, (RED, 0.8, 0.0)], grid=12)
+    color, roughness, metallic = second
+    lines = [line_in_base_color(found.shading, *of) for of in ((0.8, 0.0), (roughness, metallic))]
+    left, right = (offset + slope * np.array(of) for (offset, slope), of in zip(lines, (WHITE, color), strict=True))
+    share = np.clip((found.place[:, :1] - 0.85) / 0.3, 0, 1)  # of the second material: it grows over four pieces
+    radiance = np.where(found.region[:, None] < 2, (1 - share) * left + share * right, found.radiance)
+    found = replace(found, radiance=radiance.astype(np.float32))
+    pieces = color_pieces(found, np.maximum(found.region - 1, 0), 2, np.zeros(3), 8.0)
+    cuts, _ = materials_of(pieces)
+    assert [number for number, _, _ in cuts] == [0] * count
+    for _, own, label in cuts:
+        place = pieces.place[own, 0]
+        sides = label[place < 0.8], label[place > 1.2]
+        assert np.ptp(sides[0]) == np.ptp(sides[1]) == 0
+        assert sides[0][0] != sides[1][0]
+
+
+@pytest.mark.parametrize("ids", [(7, 9, 10), (7, 65534, 65535), (7, 65535, 1)])
+def test_cuts_take_ids_that_are_free(np_rng, monkeypatch, ids):
+    found = pixels(np_rng, [(WHITE, 0.8, 0.0), (WHITE, 0.1, 1.0), (RED, 0.8, 0.0)], grid=12)
+    region = np.where(found.region < 2, *ids[:2]).astype(np.uint16)
+    monkeypatch.setattr(divide, "region_pixels", lambda *_: replace(found, region=region.astype(np.int64)))
+    monkeypatch.setattr(divide, "scene_box", lambda _: (np.zeros(3), 8.0))
+    shards: Any = [SimpleNamespace(samples=SimpleNamespace(offsets=np.arange(len(region) + 1), position=found.place))]
+    (after,), cuts, _ = divide.divided(shards, [region])
+    assert cuts == 1
+    assert set(after.tolist()) == set(ids)
+
+
+def test_pixels_take_the_material_of_the_nearest_piece_and_ids_stay_apart(np_rng, monkeypatch):
+    found = pixels(np_rng, [(WHITE, 0.8, 0.0), (WHITE, 0.1, 1.0), (RED, 0.8, 0.0)], grid=12)
+    region = np.where(found.region < 2, 7, 9).astype(np.uint16)
+    monkeypatch.setattr(divide, "region_pixels", lambda *_: replace(found, region=region.astype(np.int64)))
+    monkeypatch.setattr(divide, "scene_box", lambda _: (np.zeros(3), 8.0))
+    # one pixel more, which shows no surface
+    samples = SimpleNamespace(offsets=np.r_[np.arange(len(region) + 1), len(region)], position=found.place)
+    before = np.r_[region, 7].astype(np.uint16)
+    shards: Any = [SimpleNamespace(samples=samples)]
+    (after,), cuts, alike = divide.divided(shards, [before])
+    assert cuts == 1
+    assert alike >= 1
+    assert (after[:-1][region == 9] == 9).all()
+    assert after[-1] == 7
+    assert set(after[:-1][region == 7].tolist()) == {7, 10}
+    mirror = after[:-1][found.region == 1]
+    assert np.mean(mirror == np.median(mirror)) > 0.95
