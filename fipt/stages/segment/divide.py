@@ -50,6 +50,8 @@ _LEAST_COLOR = 0.005
 """Least standard deviation of comparable colours."""
 _STEP = 0.5
 """Share of the difference between two materials that must be a step at their border."""
+_KIND_ERRORS = 1.645
+"""Standard errors by which a half must be of its kind: 95 % of chance, on the one side that is asked about."""
 _ROUNDS = 15
 _SWEEPS = 4
 """Most rounds in which materials and pieces are fitted to each other, and sweeps over the pieces in each."""
@@ -263,8 +265,8 @@ class _Region:
         products = alike * np.stack([row.T @ row for row in rows])
         dielectrics, metals = slice(None, HALF), slice(HALF, None)
         best = [best_trials(left, left.sum(axis=0), kind) for kind in (dielectrics, metals)]
-        metal = is_metal(left, judged) & worse(left, products, best[0], metals)
-        dielectric = is_dielectric(left, judged) & worse(left, products, best[1], dielectrics)
+        metal = is_metal(left, judged) & worse(left, products, best[0], metals, _KIND_ERRORS)
+        dielectric = is_dielectric(left, judged) & worse(left, products, best[1], dielectrics, _KIND_ERRORS)
         return bool((metal & dielectric[::-1]).any())
 
     def _sharp(self, pieces: np.ndarray, near: csr_matrix, second: np.ndarray) -> bool:
