@@ -126,12 +126,16 @@ def _without_crumbs(planes: Planes, pairs: np.ndarray, area: np.ndarray, smalles
     return Planes(planes.normal, planes.offset, np.where(large, planes.of, -1).astype(np.int32))
 
 
-def grown(mesh: Mesh, planes: Planes, reach: float, steps: int) -> Planes:
-    """Let planes take the rounded surface beside them, as far as ``steps`` triangles and ``reach`` metres off them."""
+def grown(mesh: Mesh, planes: Planes, reach: float | np.ndarray, steps: int | None = None) -> Planes:
+    """Let planes take surface beside them: as far as ``steps`` triangles, if given, and ``reach`` metres off them.
+
+    ``reach`` may be (T,), of each triangle.
+    """
+    reach = np.broadcast_to(reach, len(mesh.triangles))
     pairs = neighbours(mesh.triangles)
     of, normals = planes.of.copy(), mesh.normals
     corners = mesh.corners.astype(np.float64)
-    for _ in range(steps):
+    for _ in range(len(of) if steps is None else steps):
         best, chosen = np.full(len(of), 0.0), np.full(len(of), -1, np.int32)
         for one, other in (pairs.T, pairs.T[::-1]):
             asks = (of[one] < 0) & (of[other] >= 0)
@@ -139,7 +143,7 @@ def grown(mesh: Mesh, planes: Planes, reach: float, steps: int) -> Planes:
             n = planes.normal[plane]
             away = np.abs(np.einsum("fck,fk->fc", corners[face], n) - planes.offset[plane][:, None]).max(axis=1)
             turned = (normals[face] * n).sum(axis=1)
-            fits = (away < reach) & (turned > _LEANS) & (turned > best[face])
+            fits = (away < reach[face]) & (turned > _LEANS) & (turned > best[face])
             best[face[fits]], chosen[face[fits]] = turned[fits], plane[fits]
         if not (chosen >= 0).any():
             break

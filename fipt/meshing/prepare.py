@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from fipt.groups import grouped_median
 from fipt.meshing.clean import clean
 from fipt.meshing.cut import cut_at
 from fipt.meshing.decimate import decimated
@@ -17,7 +18,7 @@ from fipt.meshing.holes import without_small_holes
 from fipt.meshing.planes import Planes, find_planes, flattened, grown
 from fipt.meshing.radiance_edges import Radiance, find_edges
 from fipt.meshing.separate import separated
-from fipt.meshing.topology import triangle_sides
+from fipt.meshing.topology import distinct_rows, triangle_sides
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh
 
@@ -149,7 +150,10 @@ def _made(mesh: Mesh, seen: SeenSurface, deviation: float, settings: PrepareSett
     deviation = max(weighted_median(normal_deviation(smooth), smooth.areas), _EVEN)
     smooth = fitted_to_normals(smooth, filtered_normals(smooth, _CREASE * deviation, _PASSES), _PASSES)
     planes = find_planes(smooth, _PLANE_ANGLE * deviation, _PLANE_DISTANCE * noise, (_PLANE_SIDE * footprint) ** 2)
-    planes = grown(smooth, planes, _ROUNDED * edge, _ROUNDED_RINGS)
+    rounded = _ROUNDED * edge
+    planes = grown(smooth, planes, rounded, _ROUNDED_RINGS)
+    around = _noise_around(mesh, smooth.corners.mean(axis=1), edge, _PLANE_SIDE * footprint)
+    planes = grown(smooth, planes, np.minimum(_PLANE_DISTANCE * np.maximum(around, noise), rounded))
     flat = flattened(smooth, planes, 2 * edge)
     flat_area = float(flat.areas[planes.of >= 0].sum())
     done = decimated(flat, _count(flat, seen, settings.triangle_size, planes), _ERROR * footprint)
@@ -162,6 +166,21 @@ def _made(mesh: Mesh, seen: SeenSurface, deviation: float, settings: PrepareSett
         "plane_share": round(flat_area / max(float(flat.areas.sum()), 1e-30), 4),
         "footprint_mm": round(1e3 * footprint, 2),
     }
+
+
+def _noise_around(mesh: Mesh, places: np.ndarray, edge: float, side: float) -> np.ndarray:
+    """(K,) deviation of vertices along the normals of ``mesh``, metres, in cells of some ``side`` around (K, 3) places.
+
+    Few depths were averaged where few saw the surface: there noise is several times what it is in the room. 0 where the
+    mesh has nothing.
+    """
+    centers = mesh.corners.mean(axis=1)
+    cell = distinct_rows(np.floor(np.concatenate([centers, places]) / side).astype(np.int64))[1]
+    own, asked = np.split(cell, [len(centers)])
+    known, index = np.unique(own, return_inverse=True)
+    noise = np.zeros(cell.max(initial=-1) + 1)
+    noise[known] = edge * grouped_median(normal_deviation(mesh), index.reshape(-1), len(known))
+    return noise[asked]
 
 
 def _edge(mesh: Mesh) -> float:

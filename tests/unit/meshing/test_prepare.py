@@ -93,6 +93,20 @@ def test_a_noisy_corner_becomes_three_planes_and_a_sharp_corner(backend) -> None
     assert done.areas.sum() == pytest.approx(12, rel=0.02)
 
 
+def test_a_wall_is_a_plane_where_few_depths_were_averaged_too(backend) -> None:
+    """Noise of one end is six times that of the room; a hump of the same height stays."""
+    mesh = scan(0.001)
+    rng, (x, y, z) = np.random.default_rng(1), mesh.vertices.T
+    far, bump = (x > 1.2) & (y < 0.1), np.hypot(z - 0.6, y - 0.6) < 0.3
+    moved = mesh.vertices + np.outer(far, [0, 1, 0]) * rng.normal(0, 0.006, (len(x), 1))
+    moved[bump & (x < 0.1), 0] += 0.02 * np.cos(np.hypot(z - 0.6, y - 0.6) / 0.3 * np.pi / 2)[bump & (x < 0.1)]
+    done, _ = prepared(Mesh(moved.astype(np.float32), mesh.triangles), [camera()], dark, AUTO)
+    centers = done.corners.mean(axis=1)
+    noisy = (centers[:, 0] > 1.3) & (centers[:, 1] < 0.03)
+    assert np.average(off_plane(done)[noisy] < 0.5, weights=done.areas[noisy]) > 0.95
+    assert done.vertices[np.linalg.norm(done.vertices - [0, 0.6, 0.6], axis=1) < 0.1, 0].max() > 0.015
+
+
 def test_a_mesh_without_any_noise_has_its_planes(backend) -> None:
     """Deviations of exactly zero are the width of no filter."""
     done, figures = prepared(scan(0.0), [camera()], dark, SimpleNamespace(**vars(AUTO) | {"prepare": "always"}))
