@@ -21,7 +21,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.spatial import cKDTree
 
-from fipt.robust import deviation, spread
+from fipt.robust import NORMAL, deviation, spread
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box
 from fipt.scene.segments import LARGEST_ID
@@ -170,7 +170,7 @@ class _Region:
     """
 
     def __init__(self, pieces: ColorPieces, own: np.ndarray, residual: float, variance: np.ndarray) -> None:
-        self._left, self._residual, self._number = pieces.left[own] / residual, residual, pieces.number[own]
+        self._left, self._number = pieces.left[own] / residual, pieces.number[own]
         self._color = color = pieces.color[own]
         voxel = pieces.voxel[own]
         self._odd = voxel.sum(axis=1) % 2 > 0
@@ -260,13 +260,13 @@ class _Region:
     def _of_two_kinds(self, pieces: np.ndarray, second: np.ndarray, alike: float) -> bool:
         """Whether one of the two materials (K,) is clearly a metal, and the other one clearly a dielectric."""
         halves = [pieces[own] for own in (~second, second)]
-        rows = [self._number[half, None] * self._left[half] * self._residual for half in halves]
+        rows = [self._number[half, None] * self._left[half] for half in halves]
         left, judged = np.stack([row.sum(axis=0) for row in rows]), np.array([self._number[h].sum() for h in halves])
-        products = alike * np.stack([row.T @ row for row in rows])
+        products, usual = alike * np.stack([row.T @ row for row in rows]), judged / NORMAL
         dielectrics, metals = slice(None, HALF), slice(HALF, None)
         best = [best_trials(left, left.sum(axis=0), kind) for kind in (dielectrics, metals)]
-        metal = is_metal(left, judged) & worse(left, products, best[0], metals, _KIND_ERRORS)
-        dielectric = is_dielectric(left, judged) & worse(left, products, best[1], dielectrics, _KIND_ERRORS)
+        metal = is_metal(left, judged, usual) & worse(left, products, best[0], metals, _KIND_ERRORS)
+        dielectric = is_dielectric(left, judged, usual) & worse(left, products, best[1], dielectrics, _KIND_ERRORS)
         return bool((metal & dielectric[::-1]).any())
 
     def _sharp(self, pieces: np.ndarray, near: csr_matrix, second: np.ndarray) -> bool:

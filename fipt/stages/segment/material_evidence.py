@@ -61,6 +61,9 @@ class MaterialEvidence:
         (R, T, 3) mean base colour, made for comparing: `comparable`.
     pixels, judged
         (R,) float64 number of pixels, and of those in pieces that judge a trial; a shared one counts by its share.
+    usual
+        (R,) float64 what pieces of the room usually leave, of as many pixels as judge: the median, under the best trial
+        of their region.
     metal
         (R,) bool: the pixels are explained by metal only.
     variance
@@ -72,6 +75,7 @@ class MaterialEvidence:
     color: np.ndarray
     pixels: np.ndarray
     judged: np.ndarray
+    usual: np.ndarray
     metal: np.ndarray
     variance: np.ndarray
 
@@ -180,8 +184,9 @@ def measure(found: ColorPieces, count: int) -> MaterialEvidence:
         pieces[k] = len(own)
         noise.add(color[own, best[k]], place[own], bool(thin[k]))
     judging = np.bincount(owner, number * judged, count)
-    metal = is_metal(total, judging)
-    return MaterialEvidence(total, products, means, of_region, judging, metal, noise.variance(pieces, thin))
+    usual = judging * np.median(found.left[judged, best[owner[judged]]]) if judged.any() else judging
+    metal = is_metal(total, judging, usual)
+    return MaterialEvidence(total, products, means, of_region, judging, usual, metal, noise.variance(pieces, thin))
 
 
 @dataclass(frozen=True)
@@ -307,24 +312,24 @@ def tried(pixels: RegionPixels, piece: np.ndarray, pieces: int) -> tuple[np.ndar
     return left / np.bincount(piece, share, pieces)[:, None], color
 
 
-def is_metal(left: np.ndarray, judged: np.ndarray) -> np.ndarray:
+def is_metal(left: np.ndarray, judged: np.ndarray, usual: np.ndarray | float = 0.0) -> np.ndarray:
     """(R,) bool: metal leaves clearly less (R, T) of the pixels that judge it (R,) than any dielectric."""
-    return _clearly_less(left[:, HALF:], left[:, :HALF], judged)
+    return _clearly_less(left[:, HALF:], left[:, :HALF], judged, usual)
 
 
-def is_dielectric(left: np.ndarray, judged: np.ndarray) -> np.ndarray:
+def is_dielectric(left: np.ndarray, judged: np.ndarray, usual: np.ndarray | float = 0.0) -> np.ndarray:
     """(R,) bool: a dielectric leaves clearly less (R, T) of the pixels that judge it (R,) than any metal."""
-    return _clearly_less(left[:, :HALF], left[:, HALF:], judged)
+    return _clearly_less(left[:, :HALF], left[:, HALF:], judged, usual)
 
 
-def _clearly_less(these: np.ndarray, others: np.ndarray, judged: np.ndarray) -> np.ndarray:
+def _clearly_less(these: np.ndarray, others: np.ndarray, judged: np.ndarray, usual: np.ndarray | float) -> np.ndarray:
     """(R,) bool: the best of some trials (R, K) leaves clearly less than that of others.
 
-    It is as cautious as the part search.
-    What shows nowhere is added to what either leaves: where one explains all that can be seen, nothing does so better.
+    It is as cautious as the part search. What shows nowhere, or what pieces of the room leave ``usual`` (R,), is added
+    to what either leaves: where one explains as much as can be explained, nothing does so better.
     """
     caution = _METAL_GAIN + _CAUTION / np.sqrt(np.maximum(judged, 1))
-    unseen = UNSEEN_DIFFERENCE * judged
+    unseen = np.maximum(UNSEEN_DIFFERENCE * judged, usual)
     return these.min(axis=1) + unseen < (1 - caution) * (others.min(axis=1) + unseen)
 
 

@@ -233,7 +233,7 @@ def with_likely_metals(evidence: MaterialEvidence, counted: np.ndarray) -> Mater
     """
     evidence = _without_common_paint(evidence)
     metal, left = evidence.metal.copy(), evidence.left
-    no_metal = is_dielectric(left, evidence.judged)
+    no_metal = is_dielectric(left, evidence.judged, evidence.usual)
     dielectric = left[:, :HALF].min(axis=1)
     for k in np.flatnonzero(evidence.metal):
         trial = HALF + int(left[k, HALF:].argmin())

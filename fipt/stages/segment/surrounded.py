@@ -39,7 +39,7 @@ def with_surrounded(
     if not clear.any():
         return evidence
     tells = worse(left, products, metal, slice(None, HALF), errors=_UNTOLD_ERRORS)
-    tells |= is_dielectric(left, evidence.judged) | (evidence.judged == 0)
+    tells |= is_dielectric(left, evidence.judged, evidence.usual) | (evidence.judged == 0)
     border, total = _borders(mesh, region, known)
     while True:
         new = ~tells & ~clear & counted & (2 * (border @ clear) > total)

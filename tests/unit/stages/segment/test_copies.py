@@ -38,7 +38,9 @@ def legs(metal: list[bool], pixels: list[float], brightness: list[float]) -> Mat
     color[..., 0] = np.array(brightness)[:, None]
     left, products = np.ones((count, 2 * HALF)), np.ones((count, 2 * HALF, 2 * HALF))
     number = np.array(pixels)
-    return MaterialEvidence(left, products, color, number, number, np.array(metal), np.full((count, 3), 0.01))
+    return MaterialEvidence(
+        left, products, color, number, number, 0 * number, np.array(metal), np.full((count, 3), 0.01)
+    )
 
 
 def pairs(*numbers: tuple[int, int]) -> np.ndarray:

@@ -25,6 +25,7 @@ from fipt.stages.segment.material_evidence import (
     _ColorNoise,
     best_trials,
     color_pieces,
+    is_dielectric,
     is_metal,
     measure,
 )
@@ -124,6 +125,24 @@ def test_where_a_dielectric_explains_all_that_shows_there_is_no_metal(scale, met
     """Metal leaves an eighth less: of 13 steps of an 8-bit picture, or of one."""
     left = 10_000 * scale * np.where(np.arange(2 * HALF) < HALF, 1, 0.87)[None]
     assert is_metal(left, np.array([10_000])).tolist() == [metal]
+
+
+@pytest.mark.parametrize(("usual", "metal"), [(0.002, True), (0.01, False)])
+def test_what_shading_errs_by_proves_no_metal(usual, metal):
+    """Metal leaves a fifth less: of much more than pieces usually leave, or of as much."""
+    left, judged = 10_000 * np.where(np.arange(2 * HALF) < HALF, 0.010, 0.008)[None], np.array([10_000])
+    assert is_metal(left, judged, usual * judged).tolist() == [metal]
+    assert is_dielectric(left[:, ::-1], judged, usual * judged).tolist() == [metal]
+
+
+def test_what_is_usual_is_measured_in_the_room(np_rng):
+    found = pixels(np_rng, [(WHITE, 0.8, 0.0), (RED, 0.8, 0.0), (ORANGE, 0.8, 0.0)])
+    noise = np.exp(0.2 * np_rng.normal(size=(len(found.region), 1)) * (found.region[:, None] > 0)).astype(np.float32)
+    pieces = color_pieces(replace(found, radiance=found.radiance * noise), found.region, 3, np.zeros(3), 8.0)
+    evidence = measure(pieces, 3)
+    least = evidence.left.min(axis=1) / evidence.judged
+    assert least[0] < evidence.usual[0] / evidence.judged[0] < 1.3 * least[1:].max()
+    assert np.ptp(evidence.usual / evidence.judged) < 1e-9
 
 
 def test_a_region_that_judges_nothing_is_what_the_room_is(np_rng):

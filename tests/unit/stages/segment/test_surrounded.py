@@ -38,7 +38,7 @@ def evidence_of(kinds) -> MaterialEvidence:
         products[row] = np.eye(len(TRIALS)) * error**2 / 2
     metal = np.array([kind in (CLEAR_METAL, WEAK_METAL) for kind in kinds])
     many, some = np.full(count, 400.0), np.full((count, 3), 0.01)
-    return MaterialEvidence(left, products, np.zeros((count, len(TRIALS), 3)), many, many, metal, some)
+    return MaterialEvidence(left, products, np.zeros((count, len(TRIALS), 3)), many, many, 0 * many, metal, some)
 
 
 def metals(kinds, heights=None, regions=None, **changed) -> list[bool]:
