@@ -135,19 +135,21 @@ def grown(mesh: Mesh, planes: Planes, reach: float | np.ndarray, steps: int | No
     pairs = neighbours(mesh.triangles)
     of, normals = planes.of.copy(), mesh.normals
     corners = mesh.corners.astype(np.float64)
+    last = of >= 0  # what was refused beside others stays so
     for _ in range(len(of) if steps is None else steps):
         best, chosen = np.full(len(of), 0.0), np.full(len(of), -1, np.int32)
         for one, other in (pairs.T, pairs.T[::-1]):
-            asks = (of[one] < 0) & (of[other] >= 0)
+            asks = (of[one] < 0) & last[other]
             face, plane = one[asks], of[other[asks]]
             n = planes.normal[plane]
             away = np.abs(np.einsum("fck,fk->fc", corners[face], n) - planes.offset[plane][:, None]).max(axis=1)
             turned = (normals[face] * n).sum(axis=1)
             fits = (away < reach[face]) & (turned > _LEANS) & (turned > best[face])
             best[face[fits]], chosen[face[fits]] = turned[fits], plane[fits]
-        if not (chosen >= 0).any():
+        last = chosen >= 0
+        if not last.any():
             break
-        of = np.where(chosen >= 0, chosen, of)
+        of = np.where(last, chosen, of)
     return Planes(planes.normal, planes.offset, of)
 
 

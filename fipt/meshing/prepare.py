@@ -169,10 +169,10 @@ def _made(mesh: Mesh, seen: SeenSurface, deviation: float, settings: PrepareSett
 
 
 def _noise_around(mesh: Mesh, places: np.ndarray, edge: float, side: float) -> np.ndarray:
-    """(K,) deviation of vertices along the normals of ``mesh``, metres, in cells of some ``side`` around (K, 3) places.
+    """(K,) deviation of vertices along their normals, metres, in the cell that holds each of (K, 3) places.
 
-    Few depths were averaged where few saw the surface: there noise is several times what it is in the room. 0 where the
-    mesh has nothing.
+    Few depths were averaged where few saw the surface: there noise is several times what it is in the room. Cells are
+    cubes of some ``side``, metres; ``edge`` is the median side of triangles, metres. 0 where the mesh has nothing.
     """
     centers = mesh.corners.mean(axis=1)
     cell = distinct_rows(np.floor(np.concatenate([centers, places]) / side).astype(np.int64))[1]

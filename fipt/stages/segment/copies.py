@@ -49,9 +49,8 @@ def judged_with_copies(evidence: MaterialEvidence, copies: np.ndarray) -> Materi
 
     shape = connected_groups((own, other), len(pixels))
     left = np.stack([np.bincount(shape, column) for column in evidence.left.T], axis=1)
-    proved = is_metal(left, *(np.bincount(shape, values) for values in (evidence.judged, evidence.usual))) & (
-        np.bincount(shape) > 1
-    )
+    judged, usual = np.bincount(shape, evidence.judged), np.bincount(shape, evidence.usual)
+    proved = is_metal(left, judged, usual) & (np.bincount(shape) > 1)
     best = HALF + left[:, HALF:].argmin(axis=1)
     refused = worse(evidence.left, evidence.products, best[shape], slice(None, HALF))
     return replace(evidence, metal=voted | (proved[shape] & ~refused))

@@ -170,7 +170,7 @@ class _Region:
     """
 
     def __init__(self, pieces: ColorPieces, own: np.ndarray, residual: float, variance: np.ndarray) -> None:
-        self._left, self._number = pieces.left[own] / residual, pieces.number[own]
+        self._left, self._residual, self._number = pieces.left[own] / residual, residual, pieces.number[own]
         self._color = color = pieces.color[own]
         voxel = pieces.voxel[own]
         self._odd = voxel.sum(axis=1) % 2 > 0
@@ -260,9 +260,11 @@ class _Region:
     def _of_two_kinds(self, pieces: np.ndarray, second: np.ndarray, alike: float) -> bool:
         """Whether one of the two materials (K,) is clearly a metal, and the other one clearly a dielectric."""
         halves = [pieces[own] for own in (~second, second)]
-        rows = [self._number[half, None] * self._left[half] for half in halves]
-        left, judged = np.stack([row.sum(axis=0) for row in rows]), np.array([self._number[h].sum() for h in halves])
-        products, usual = alike * np.stack([row.T @ row for row in rows]), judged / NORMAL
+        judged = np.array([self._number[half].sum() for half in halves])
+        rows = [self._number[half, None] * self._left[half] * self._residual for half in halves]
+        left = np.stack([row.sum(axis=0) for row in rows])
+        products = alike * np.stack([row.T @ row for row in rows])
+        usual = judged * self._residual / NORMAL
         dielectrics, metals = slice(None, HALF), slice(HALF, None)
         best = [best_trials(left, left.sum(axis=0), kind) for kind in (dielectrics, metals)]
         metal = is_metal(left, judged, usual) & worse(left, products, best[0], metals, _KIND_ERRORS)

@@ -62,8 +62,7 @@ class MaterialEvidence:
     pixels, judged
         (R,) float64 number of pixels, and of those in pieces that judge a trial; a shared one counts by its share.
     usual
-        (R,) float64 what pieces of the room usually leave, of as many pixels as judge: the median, under the best trial
-        of their region.
+        (R,) float64 ``judged`` times what pieces of the room leave in the median under the best trial of their region.
     metal
         (R,) bool: the pixels are explained by metal only.
     variance
@@ -312,21 +311,27 @@ def tried(pixels: RegionPixels, piece: np.ndarray, pieces: int) -> tuple[np.ndar
     return left / np.bincount(piece, share, pieces)[:, None], color
 
 
-def is_metal(left: np.ndarray, judged: np.ndarray, usual: np.ndarray | float = 0.0) -> np.ndarray:
-    """(R,) bool: metal leaves clearly less (R, T) of the pixels that judge it (R,) than any dielectric."""
+def is_metal(left: np.ndarray, judged: np.ndarray, usual: np.ndarray) -> np.ndarray:
+    """(R,) bool: metal leaves clearly less (R, T) of the pixels that judge it (R,) than any dielectric.
+
+    ``usual`` (R,) as of `MaterialEvidence`: what they would leave in any case.
+    """
     return _clearly_less(left[:, HALF:], left[:, :HALF], judged, usual)
 
 
-def is_dielectric(left: np.ndarray, judged: np.ndarray, usual: np.ndarray | float = 0.0) -> np.ndarray:
-    """(R,) bool: a dielectric leaves clearly less (R, T) of the pixels that judge it (R,) than any metal."""
+def is_dielectric(left: np.ndarray, judged: np.ndarray, usual: np.ndarray) -> np.ndarray:
+    """(R,) bool: a dielectric leaves clearly less (R, T) of the pixels that judge it (R,) than any metal.
+
+    ``usual`` (R,) as of `MaterialEvidence`: what they would leave in any case.
+    """
     return _clearly_less(left[:, :HALF], left[:, HALF:], judged, usual)
 
 
 def _clearly_less(these: np.ndarray, others: np.ndarray, judged: np.ndarray, usual: np.ndarray | float) -> np.ndarray:
     """(R,) bool: the best of some trials (R, K) leaves clearly less than that of others.
 
-    It is as cautious as the part search. What shows nowhere, or what pieces of the room leave ``usual`` (R,), is added
-    to what either leaves: where one explains as much as can be explained, nothing does so better.
+    It is as cautious as the part search. What is ``usual`` (R,), and at least what shows nowhere, is added to what
+    either leaves: where one explains as much as can be explained, nothing does so better.
     """
     caution = _METAL_GAIN + _CAUTION / np.sqrt(np.maximum(judged, 1))
     unseen = np.maximum(UNSEEN_DIFFERENCE * judged, usual)

@@ -94,7 +94,7 @@ def test_a_noisy_corner_becomes_three_planes_and_a_sharp_corner(backend) -> None
 
 
 def test_a_wall_is_a_plane_where_few_depths_were_averaged_too(backend) -> None:
-    """Noise of one end is six times that of the room; a hump of the same height stays."""
+    """Noise of one end is six times that of the room; a hump that is higher than noise stays."""
     mesh = scan(0.001)
     rng, (x, y, z) = np.random.default_rng(1), mesh.vertices.T
     far, bump = (x > 1.2) & (y < 0.1), np.hypot(z - 0.6, y - 0.6) < 0.3

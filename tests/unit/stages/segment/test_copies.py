@@ -38,9 +38,8 @@ def legs(metal: list[bool], pixels: list[float], brightness: list[float]) -> Mat
     color[..., 0] = np.array(brightness)[:, None]
     left, products = np.ones((count, 2 * HALF)), np.ones((count, 2 * HALF, 2 * HALF))
     number = np.array(pixels)
-    return MaterialEvidence(
-        left, products, color, number, number, 0 * number, np.array(metal), np.full((count, 3), 0.01)
-    )
+    some = np.full((count, 3), 0.01)
+    return MaterialEvidence(left, products, color, number, number, 0 * number, np.array(metal), some)
 
 
 def pairs(*numbers: tuple[int, int]) -> np.ndarray:
@@ -76,6 +75,8 @@ def test_what_copies_leave_together_proves_metal_whatever_their_colours():
     copies = pairs(*((k, other) for k in range(20) for other in range(k)))
     assert judged_with_copies(evidence, copies).metal.tolist() == [True] * 20 + [False], "the last is no copy"
     assert not judged_with_copies(evidence, pairs((0, 1), (1, 2))).metal.any(), "three are too few"
+    noisy = replace(evidence, usual=np.full(21, 5.0))
+    assert not judged_with_copies(noisy, copies).metal.any(), "so much pieces leave in any case"
     all_copies = np.concatenate([copies, pairs((19, 20))], axis=1)
     told = judged_with_copies(evidence, all_copies).metal.tolist()
     assert told == [False] * 21, "what one of them leaves outweighs what is won"

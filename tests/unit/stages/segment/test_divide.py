@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 
 from fipt.model.reflectance import line_in_base_color
+from fipt.robust import NORMAL
 from fipt.stages.segment import divide
 from fipt.stages.segment.divide import materials_of
-from fipt.stages.segment.material_evidence import color_pieces
+from fipt.stages.segment.material_evidence import HALF, TRIALS, color_pieces
 from tests.unit.stages.segment.test_regroup import RED, WHITE, pixels
 
 DARK = (0.2, 0.2, 0.2)
 
 
-@pytest.mark.parametrize(
-    "second", [(WHITE, 0.1, 1.0), ((0.2, 0.2, 0.2), 0.8, 0.0)], ids=["a mirror", "a darker colour"]
-)
+@pytest.mark.parametrize("second", [(WHITE, 0.1, 1.0), (DARK, 0.8, 0.0)], ids=["a mirror", "a darker colour"])
 def test_a_region_of_two_materials_is_cut_where_they_meet(np_rng, second):
     found = pixels(np_rng, [(WHITE, 0.8, 0.0), second, (WHITE, 0.8, 0.0), (RED, 0.8, 0.0)], grid=12)
     region = np.maximum(found.region - 1, 0)  # the first two are one
@@ -59,6 +58,27 @@ def test_nothing_fades_from_paint_to_metal(np_rng, second, count):
         sides = label[place < 0.8], label[place > 1.2]
         assert np.ptp(sides[0]) == np.ptp(sides[1]) == 0
         assert sides[0][0] != sides[1][0]
+
+
+def of_two_kinds(dielectric: np.ndarray | float, metal: float, alike: float = 1.0, usual: float = 0.01) -> bool:
+    """Whether a cut is one of two kinds: what either leaves of 40 pieces, while 40 others are clearly a dielectric."""
+    left = np.full((80, len(TRIALS)), 0.1)
+    left[:40, 0], left[:40, HALF] = dielectric, metal
+    left[40:, 0] = 0.005
+    row = np.c_[np.arange(80), np.zeros((80, 2))].astype(np.int64)
+    pieces: Any = SimpleNamespace(left=left, color=np.zeros((80, len(TRIALS), 3)), voxel=row, number=np.full(80, 50.0))
+    region = divide._Region(pieces, np.arange(80), usual * NORMAL, np.ones(3))
+    return region._of_two_kinds(np.arange(80), np.arange(80) < 40, alike)
+
+
+def test_both_kinds_must_be_certain():
+    chance = 0.014 + np.where(np.arange(40) % 2, -0.04, 0.05)  # 0.005 on average, by less than its standard error
+    assert of_two_kinds(0.020, 0.014)
+    assert not of_two_kinds(0.020, 0.014, alike=20)
+    assert not of_two_kinds(chance, 0.014)
+    assert not of_two_kinds(0.020, 0.0185), "less than a tenth"
+    assert not of_two_kinds(0.020, 0.014, usual=0.1), "shading errs by more"
+    assert not of_two_kinds(0.0004, 0.0002, usual=0.0001), "it shows nowhere"
 
 
 @pytest.mark.parametrize("ids", [(7, 9, 10), (7, 65534, 65535), (7, 65535, 1)])

@@ -124,7 +124,7 @@ def test_evidence_names_the_trial_and_the_metal(np_rng):
 def test_where_a_dielectric_explains_all_that_shows_there_is_no_metal(scale, metal):
     """Metal leaves an eighth less: of 13 steps of an 8-bit picture, or of one."""
     left = 10_000 * scale * np.where(np.arange(2 * HALF) < HALF, 1, 0.87)[None]
-    assert is_metal(left, np.array([10_000])).tolist() == [metal]
+    assert is_metal(left, np.array([10_000]), np.zeros(1)).tolist() == [metal]
 
 
 @pytest.mark.parametrize(("usual", "metal"), [(0.002, True), (0.01, False)])
@@ -135,14 +135,15 @@ def test_what_shading_errs_by_proves_no_metal(usual, metal):
     assert is_dielectric(left[:, ::-1], judged, usual * judged).tolist() == [metal]
 
 
-def test_what_is_usual_is_measured_in_the_room(np_rng):
-    found = pixels(np_rng, [(WHITE, 0.8, 0.0), (RED, 0.8, 0.0), (ORANGE, 0.8, 0.0)])
-    noise = np.exp(0.2 * np_rng.normal(size=(len(found.region), 1)) * (found.region[:, None] > 0)).astype(np.float32)
+@pytest.mark.parametrize(("error", "metal"), [(0.0, True), (0.3, False)])
+def test_a_weak_metal_is_none_where_the_room_errs_by_more(np_rng, error, metal):
+    """The noise is in two other regions alone."""
+    found = pixels(np_rng, [(WHITE, 0.6, 1.0), (RED, 0.8, 0.0), (ORANGE, 0.8, 0.0)])
+    noise = np.exp(error * np_rng.normal(size=(len(found.region), 1)) * (found.region[:, None] > 0)).astype(np.float32)
     pieces = color_pieces(replace(found, radiance=found.radiance * noise), found.region, 3, np.zeros(3), 8.0)
     evidence = measure(pieces, 3)
-    least = evidence.left.min(axis=1) / evidence.judged
-    assert least[0] < evidence.usual[0] / evidence.judged[0] < 1.3 * least[1:].max()
-    assert np.ptp(evidence.usual / evidence.judged) < 1e-9
+    assert evidence.metal[0] == metal
+    np.testing.assert_allclose(evidence.usual / evidence.judged, (evidence.usual / evidence.judged)[0])
 
 
 def test_a_region_that_judges_nothing_is_what_the_room_is(np_rng):

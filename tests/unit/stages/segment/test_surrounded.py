@@ -9,12 +9,13 @@ from fipt.scene.mesh import Mesh
 from fipt.stages.segment.material_evidence import HALF, TRIALS, MaterialEvidence
 from fipt.stages.segment.surrounded import with_surrounded
 
-CLEAR_METAL, WEAK_METAL, UNTOLD, DIELECTRIC = "clear metal", "weak metal", "untold", "dielectric"
+CLEAR_METAL, WEAK_METAL, UNTOLD, DIELECTRIC, NOISY = "clear metal", "weak metal", "untold", "dielectric", "noisy"
 LEFT = {
     CLEAR_METAL: (2.0, 1.0, 0.1),
     WEAK_METAL: (2.0, 1.0, 0.9),
     UNTOLD: (1.0, 1.01, 0.2),
     DIELECTRIC: (1.0, 2.0, 0.1),
+    NOISY: (1.0, 2.0, 3.0),
 }
 """What the best dielectric and the best metal leave, and the standard error of the difference."""
 
@@ -71,6 +72,12 @@ def test_other_neighbours_say_nothing(beside):
 def test_what_tells_stays_what_it_is():
     assert metals([CLEAR_METAL, DIELECTRIC, CLEAR_METAL]) == [True, False, True]
     assert metals([DIELECTRIC, WEAK_METAL, DIELECTRIC]) == [False, True, False]
+
+
+def test_a_dielectric_by_less_than_shading_errs_by_does_not_tell():
+    row = [CLEAR_METAL, NOISY, CLEAR_METAL]
+    assert metals(row) == [True, False, True]
+    assert metals(row, usual=np.full(3, 8.0)) == [True] * 3
 
 
 def test_what_no_pixel_judges_stays_what_it_is():
