@@ -327,7 +327,7 @@ def is_dielectric(left: np.ndarray, judged: np.ndarray, usual: np.ndarray) -> np
     return _clearly_less(left[:, :HALF], left[:, HALF:], judged, usual)
 
 
-def _clearly_less(these: np.ndarray, others: np.ndarray, judged: np.ndarray, usual: np.ndarray | float) -> np.ndarray:
+def _clearly_less(these: np.ndarray, others: np.ndarray, judged: np.ndarray, usual: np.ndarray) -> np.ndarray:
     """(R,) bool: the best of some trials (R, K) leaves clearly less than that of others.
 
     It is as cautious as the part search. What is ``usual`` (R,), and at least what shows nowhere, is added to what
