@@ -207,8 +207,11 @@ def surface_nets(grid: np.ndarray, origin: np.ndarray, voxel: float) -> Mesh:
     corners = [
         grid[i : i + shape[0], j : j + shape[1], k : k + shape[2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)
     ]
-    sign = [np.signbit(values) for values in corners]
-    crossed = np.any([s != sign[0] for s in sign], axis=0) & np.all([np.isfinite(values) for values in corners], axis=0)
+    crossed, known = np.zeros(shape, bool), np.ones(shape, bool)
+    for values in corners:  # one at a time: the grid of a large room has hundreds of millions of corners
+        crossed |= np.signbit(values) != np.signbit(corners[0])
+        known &= np.isfinite(values)
+    crossed &= known
     cells = np.argwhere(crossed)
     values = np.stack([values[crossed] for values in corners], axis=1).astype(np.float64)
     offsets = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
@@ -221,7 +224,7 @@ def surface_nets(grid: np.ndarray, origin: np.ndarray, voxel: float) -> Mesh:
                 total[cut] += offsets[a] + share[:, None] * (offsets[b] - offsets[a])
                 count[cut] += 1
     vertices = origin + (cells + total / count[:, None]) * voxel
-    number = np.full(shape, -1, np.int64)
+    number = np.full(shape, -1, np.int32)
     number[crossed] = np.arange(len(cells))
     quads = [_quads(grid, number, axis) for axis in range(3)]
     quad = np.concatenate(quads)
