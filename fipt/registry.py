@@ -48,7 +48,7 @@ SECTIONS: dict[str, Section] = {
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 6),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 11),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 39),
-    "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 22),
+    "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 23),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 24),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 2),
     "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 2),

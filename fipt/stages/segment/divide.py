@@ -44,8 +44,9 @@ _FEWEST = 6
 """Pieces from which a region may be cut: fewer than a material's parameters and one more tell nothing."""
 _TURN = float(np.log(3))
 """Cost of a piece of border: it goes straight on, or turns to either side."""
-_SIDES = 4
-"""Sides of a piece of a surface; it touches more voxels, whose borders count less each."""
+_ACROSS = 3 / 8
+"""Share of the neighbours of a piece that lie across a straight border: of eight around it, three. So many make a piece
+of border."""
 _LEAST_COLOR = 0.005
 """Least standard deviation of comparable colours."""
 _STEP = 0.5
@@ -178,7 +179,7 @@ class _Region:
         ends = np.concatenate([pairs, pairs[:, ::-1]])
         ones = np.ones(len(ends))
         self.near: csr_matrix = coo_matrix((ones, (ends[:, 0], ends[:, 1])), shape=(len(own),) * 2).tocsr()
-        self._border = min(_SIDES * len(own) / max(len(ends), 1), 1.0) * _TURN
+        self._border = min(len(own) / max(_ACROSS * len(ends), 1), 1.0) * _TURN
         # texture is what neighbours differ by
         steps = np.abs(color[pairs[:, 0]] - color[pairs[:, 1]]) if len(pairs) else np.zeros((1, *color.shape[1:]))
         self._variance = np.maximum(variance, deviation(steps, axis=0) ** 2 / 2)

@@ -81,6 +81,21 @@ def test_both_kinds_must_be_certain():
     assert not of_two_kinds(0.0004, 0.0002, usual=0.0001), "it shows nowhere"
 
 
+@pytest.mark.parametrize("turned", [False, True], ids=["straight", "at 45 degrees"])
+def test_a_border_costs_what_its_length_is(turned):
+    """ln 3 for each piece of its length, whichever way it runs over a plane of voxels."""
+    side = 41
+    across, along = np.divmod(np.arange(side**2), side)
+    voxel = np.c_[across, along, np.zeros(side**2)].astype(np.int64)
+    one = np.zeros((side**2, 1))
+    pieces: Any = SimpleNamespace(left=one, color=np.zeros((side**2, 1, 3)), voxel=voxel, number=one[:, 0])
+    region = divide._Region(pieces, np.arange(side**2), 1.0, np.ones(3))
+    second = across > along if turned else across > side // 2
+    pairs = float((region.near @ second.astype(float))[~second].sum())
+    length = side * np.sqrt(2) if turned else side
+    assert region._border * pairs == pytest.approx(np.log(3) * length, rel=0.1)
+
+
 @pytest.mark.parametrize("ids", [(7, 9, 10), (7, 65534, 65535), (7, 65535, 1)])
 def test_cuts_take_ids_that_are_free(np_rng, monkeypatch, ids):
     found = pixels(np_rng, [(WHITE, 0.8, 0.0), (WHITE, 0.1, 1.0), (RED, 0.8, 0.0)], grid=12)
