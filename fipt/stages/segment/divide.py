@@ -8,8 +8,8 @@ the materials leave of the pieces, the border, and the second material's paramet
 - one material is the shorter description. Neighbouring pieces err alike, for shading errs smoothly: what is left counts
   1 / tau, tau being the number of pieces that err as one, which is measured in the room;
 - or materials fade into each other: the step at the border is less than half of the difference of the two. So walls
-  whose shading drifts stay whole. Where one is clearly a metal and the other one clearly a dielectric no step is asked
-  for: nothing fades from one to the other, and the pieces at the border of a mirror hold some of both.
+  whose shading drifts stay whole. Where one is clearly a metal and the other one clearly a dielectric a smaller step
+  will do: nothing fades from one to the other, but the pieces at the border of a mirror hold some of both.
 
 Halves that turn out to be of one material after all are joined again by `fipt.stages.segment.regroup`.
 """
@@ -49,8 +49,9 @@ _ACROSS = 3 / 8
 of border."""
 _LEAST_COLOR = 0.005
 """Least standard deviation of comparable colours."""
-_STEP = 0.5
-"""Share of the difference between two materials that must be a step at their border."""
+_STEP, _STEP_OF_KINDS = 0.5, 0.3
+"""Share of the difference between two materials that must be a step at their border. Pieces at the border of a mirror
+hold some of both, so that it is lower, 0.33 and more; where light is missing from a part of a wall it was 0.26."""
 _KIND_ERRORS = 1.645
 """Standard errors by which a half must be of its kind: 95 % of chance, on the one side that is asked about."""
 _ROUNDS = 15
@@ -222,7 +223,10 @@ class _Region:
             found = self._shared_out(pieces, near, start, border)
             if found is not None and found[0] < shortest:
                 shortest, best = found
-        sound = best is not None and (self._of_two_kinds(pieces, best, alike) or self._sharp(pieces, near, best))
+        if best is None:
+            return None
+        step = self._step(pieces, near, best)
+        sound = step > _STEP or (step > _STEP_OF_KINDS and self._of_two_kinds(pieces, best, alike))
         return best if sound else None
 
     def _starts(self, pieces: np.ndarray) -> Iterator[np.ndarray]:
@@ -272,14 +276,16 @@ class _Region:
         dielectric = is_dielectric(left, judged, usual) & worse(left, products, best[1], dielectrics, _KIND_ERRORS)
         return bool((metal & dielectric[::-1]).any())
 
-    def _sharp(self, pieces: np.ndarray, near: csr_matrix, second: np.ndarray) -> bool:
-        """Whether the two materials (K,) meet in a step, or never."""
+    def _step(self, pieces: np.ndarray, near: csr_matrix, second: np.ndarray) -> float:
+        """Share of the difference of two materials (K,) that is a step where they meet; infinite if they never do."""
         cost = [self.cost(self.material(pieces[own]), pieces) for own in (~second, second)]
         gain = cost[0] - cost[1]
         pairs = near.tocoo()
         across = ~second[pairs.row] & second[pairs.col]
+        if not across.any():
+            return float("inf")
         step = gain[pairs.col[across]] - gain[pairs.row[across]]
-        return not across.any() or bool(np.median(step) > _STEP * (np.median(gain[second]) - np.median(gain[~second])))
+        return float(np.median(step) / max(np.median(gain[second]) - np.median(gain[~second]), 1e-12))
 
 
 def _halves(values: np.ndarray) -> np.ndarray:

@@ -39,15 +39,17 @@ def test_a_wall_whose_shading_drifts_stays_whole(np_rng):
 
 
 @pytest.mark.parametrize(
-    ("second", "count"), [((WHITE, 0.1, 1.0), 1), ((DARK, 0.8, 0.0), 0)], ids=["a mirror", "a darker colour"]
+    ("second", "width", "count"),
+    [((WHITE, 0.1, 1.0), 0.15, 1), ((DARK, 0.8, 0.0), 0.2, 0), ((WHITE, 0.1, 1.0), 0.3, 0)],
+    ids=["a mirror", "a darker colour", "what only slowly seems to be one"],
 )
-def test_nothing_fades_from_paint_to_metal(np_rng, second, count):
+def test_nothing_fades_from_paint_to_metal(np_rng, second, width, count):
     """Pixels along the border hold some of both: a mirror is cut out all the same, what fades into dark stays."""
     found = pixels(np_rng, [(WHITE, 0.8, 0.0), second, (RED, 0.8, 0.0)], grid=12)
     color, roughness, metallic = second
     lines = [line_in_base_color(found.shading, *of) for of in ((0.8, 0.0), (roughness, metallic))]
     left, right = (offset + slope * np.array(of) for (offset, slope), of in zip(lines, (WHITE, color), strict=True))
-    share = np.clip((found.place[:, :1] - 0.85) / 0.3, 0, 1)  # of the second material: it grows over four pieces
+    share = np.clip((found.place[:, :1] - 1) / width + 0.5, 0, 1)  # of the second material; a piece is 0.08 wide
     radiance = np.where(found.region[:, None] < 2, (1 - share) * left + share * right, found.radiance)
     found = replace(found, radiance=radiance.astype(np.float32))
     pieces = color_pieces(found, np.maximum(found.region - 1, 0), 2, np.zeros(3), 8.0)
