@@ -3,23 +3,27 @@
 A scan or a mesh of photographs often has no bulb: it is small, bright and has no texture. Its light then falls on the
 surface behind it, and the room is dark. A sphere that emits the same in all directions is told from all else by this:
 
-- rays through spots of three or more views meet within a pixel;
+- rays through spots of three or more views meet within a pixel, or of two, if three other lamps have its intensity;
 - its intensity, irradiance times squared distance, is the same from all of them. An opening through which something
   bright is seen does not keep it, nor do spots that meet by chance;
 - the mesh has nothing there, nor around it: it is no opening with a rim. A highlight on a flat or bulging surface seems
-  to lie behind it;
+  to lie behind it. A scan may have scraps of it there: what is as thin as the distance by which fusion displaces
+  surface comes out in part, too wide or open. They are taken out;
 - what lies behind is darker, as other views see it: it is no window between leaves that the mesh lacks;
-- nearly all views that would see it do, as intense as it is. Things in the sun differ from side to side;
+- nearly all views that would see it do, as intense as it is. Things in the sun differ from side to side. Where the mesh
+  has scraps they need not agree: an arm of a chandelier, which the mesh lacks, too, hides a part of a bulb;
 - it is far brighter than the surface around, and gives some of the light of the room. A candle or a cup that the mesh
   lacks, too, only reflects.
 
-Radius r and radiance L come from the intensity I = pi r^2 L, with the largest radiance that a view shows for L. Of a
-lamp that fills no pixel, r is an upper bound then, and its light is right all the same.
+Radius r and radiance L come from the intensity I = pi r^2 L. L is the median of the brightest pixels of spots in which
+the lamp fills some. Of a lamp that fills no pixel, L is that of others as intense, as lamps come in sets; else the
+largest radiance that a view shows, and r is an upper bound. Its light is right all the same.
 """
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.ndimage import maximum_filter
@@ -27,6 +31,7 @@ from scipy.ndimage import maximum_filter
 from fipt.conventions import LUMINANCE
 from fipt.meshing.bright_spots import Spots, bright_spots
 from fipt.meshing.radiance_edges import Radiance, reduced_view
+from fipt.meshing.spot_meetings import INTENSITY, NEAREST, PIXELS, VIEWS, alike, alike_pairs, meetings, nearest, passing
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh
@@ -35,21 +40,14 @@ log = logging.getLogger(__name__)
 
 _SPOTS, _FEWEST_SPOTS = 2000, 8
 """Spots of all views together that are compared at most, and of each view at least."""
-_VIEWS = 3
-"""That must show it: two rays meet somewhere by chance."""
-_PIXELS = 1.0
-"""By which a ray may miss the place."""
-_INTENSITY = 1.3
-"""Ratio of intensities that are the same. Bulbs of five rooms have a spread of 1 to 15 %, openings and spots that meet
-by chance one of 20 to 35 %."""
-_PARALLAX = 0.05
-"""Least sine of the angle between two rays: those of less meet nowhere in particular."""
-_NEAREST = 0.1
-"""Metres before a camera."""
 _POINTING = 0.5
 """Standard deviation of a spot's direction, pixels."""
 _SIGMAS = 3.0
 """Errors of the place by which it must lie before the surface."""
+_FILLED = 4.0
+"""Area of a lamp, pixels, from which on it fills nine tenths of one wherever it lies."""
+_OVERSHOOT = 2.0
+"""Of the brightest pixel of a spot over its lamp: denoised pictures have up to 1.6 times as much."""
 _RAYS, _AROUND_PIXELS = 16, 2.0
 """Rays around a sphere, and pixels by which they pass it."""
 _RIM = 0.25
@@ -72,51 +70,84 @@ _RELEVANT = 2e-3
 """Of the light of a typical place it must give: a thing that only reflects, and a pixel or two wide, gives less."""
 _POINTS = 500
 """Pixels of a view that stand for its surface."""
+_THIN = 2.0
+"""Radius of the largest lamp that a scan has in scraps, in distances by which fusion displaces surface: of larger ones
+it has the shape."""
+_WIDER = 0.25
+"""Of that distance, by which scraps are wider than the lamp at most, in the median of the views: a shade, or a thing
+that mirrors a lamp, is larger than what shines."""
+_REACH = 1.5
+"""Of the distance from a lamp's centre up to which its scraps lie: none has a corner farther off, but a wall may."""
+_AREA_RAYS, _GOLDEN = 256, np.pi * (3 - np.sqrt(5))
+"""Rays that measure how wide they are, and the angle from one to the next of a sunflower's seeds."""
 _SUBDIVISIONS = 2
 """Of the icosahedron: 320 triangles."""
 
 
 @dataclass(frozen=True)
 class MissingEmitter:
-    """A sphere: centre (3,) and radius, metres; how many views show it."""
+    """A sphere: centre (3,) and radius, metres; how many views show it.
+
+    What lies within ``scraps`` metres of the centre is taken out of the mesh; 0 where the mesh has nothing of the lamp.
+    """
 
     center: np.ndarray
     radius: float
     views: int
+    scraps: float = 0.0
 
 
-def missing_emitters(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) -> list[MissingEmitter]:
-    """Find round lamps that the mesh lacks; Mitsuba's variant must be set.
+def missing_emitters(
+    mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance, blur: float = 0.0
+) -> list[MissingEmitter]:
+    """Find round lamps that the mesh lacks, or has in scraps; Mitsuba's variant must be set.
 
     Parameters
     ----------
     cameras, radiance
         The training views, and what they show.
+    blur
+        By how much fusion displaces the surface of thin things, metres; 0 for a mesh that is no scan.
     """
     most = max(_SPOTS // max(len(cameras), 1), _FEWEST_SPOTS)
     spots = [bright_spots(*reduced_view(camera, radiance), view, most) for view, camera in enumerate(cameras)]
-    if len(spots) < _VIEWS:
+    if len(spots) < VIEWS:
         return []
-    scene, joined = RayScene(mesh), Spots.joined(spots)
-    places = [_Meeting.of(own, scene) for own in _meetings(joined)]
-    places = [place for place in places if place.free.sum() >= _VIEWS and not place.hidden.any()]
-    if not places:
+    judged = partial(_emitting, mesh, Spots.joined(spots), cameras, radiance, blur)
+    places = _distinct(judged(meetings(Spots.joined(spots))))
+    known = np.array([own.center for own in places]).reshape(-1, 3), np.array([own.intensity for own in places])
+    places = _distinct(places + judged(alike_pairs(Spots.joined(spots), *known)))
+    places = [place.like_others(places) for place in places]
+    log.info("%d round lamps that the mesh lacks, or has in scraps", len(places))
+    return [MissingEmitter(place.center, place.radius, len(place.spots), place.scraps) for place in places]
+
+
+def _emitting(
+    mesh: Mesh, spots: Spots, cameras: Sequence[Camera], radiance: Radiance, blur: float, met: Sequence[Spots]
+) -> list["_Meeting"]:
+    """Of the places where some ``spots`` meet those that are lamps."""
+    places, scene = _places(mesh, met, blur) if met else ([], None)
+    if scene is None or not places:
         return []
-    denied, outshines = _asked(places, joined, scene, cameras, radiance)
-    found = [
-        MissingEmitter(place.center, place.radius, len(place.spots))
-        for place, against, bright in zip(places, denied, outshines, strict=True)
-        if bright and _DENIED * against <= len(place.spots)
-    ]
-    log.info("%d round lamps that the mesh lacks", len(found))
-    return found
+    denied, outshines = _asked(places, spots, scene, cameras, radiance)
+    sound = outshines & (_DENIED * denied <= [len(place.spots) for place in places])
+    return [place for place, own in zip(places, sound, strict=True) if own]
+
+
+def _distinct(places: Sequence["_Meeting"]) -> list["_Meeting"]:
+    """Places without those within a brighter one: views meet there of which something hides a part of it."""
+    result: list[_Meeting] = []
+    for place in sorted(places, key=lambda place: -place.intensity):
+        if all(np.linalg.norm(place.center - own.center) > own.radius + place.radius for own in result):
+            result.append(place)
+    return result
 
 
 def with_spheres(mesh: Mesh, found: Sequence[MissingEmitter]) -> Mesh:
-    """The mesh with a sphere for each; they have the mean cross section of the round ones."""
+    """The mesh with a sphere for each in place of its scraps; they have the mean cross section of the round ones."""
     import trimesh
 
-    vertices, triangles = [mesh.vertices], [mesh.triangles]
+    vertices, triangles = [mesh.vertices], [mesh.triangles[~_within(mesh, found)]]
     first = len(mesh.vertices)
     for sphere in found:
         ball = trimesh.creation.icosphere(_SUBDIVISIONS, 1.0)
@@ -127,18 +158,44 @@ def with_spheres(mesh: Mesh, found: Sequence[MissingEmitter]) -> Mesh:
     return Mesh(np.concatenate(vertices), np.concatenate(triangles), seen_from=mesh.seen_from)
 
 
+def _within(mesh: Mesh, places: Sequence["MissingEmitter | _Meeting"]) -> np.ndarray:
+    """(T,) bool: triangles that lie among the scraps at any of some places."""
+    result, corners = np.zeros(len(mesh.triangles), bool), mesh.corners
+    middle = corners.mean(axis=1)
+    for place in places:
+        near = np.flatnonzero(np.linalg.norm(middle - place.center, axis=1) < place.scraps)
+        reach = np.linalg.norm(corners[near] - place.center, axis=2).max(axis=1, initial=0)
+        result[near[reach < _REACH * place.scraps]] = True
+    return result
+
+
+def _places(mesh: Mesh, met: Sequence[Spots], blur: float) -> tuple[list["_Meeting"], RayScene]:
+    """Places where rays of spots meet and the mesh has nothing but scraps, and the mesh without these."""
+    whole = scene = RayScene(mesh)
+    places = [_Meeting.of(own, whole) for own in met]
+    scraps = [place for place in (own.with_scraps(whole, blur) for own in places) if place.scraps]
+    if scraps:
+        scene = RayScene(Mesh(mesh.vertices, mesh.triangles[~_within(mesh, scraps)], seen_from=mesh.seen_from))
+        without = {id(place.spots): _Meeting.of(place.spots, scene, place.scraps) for place in scraps}
+        places = [without.get(id(place.spots), place) for place in places]
+    return [place for place in places if place.lacking], scene
+
+
 @dataclass(frozen=True)
 class _Meeting:
     """Where rays of spots meet.
 
     Attributes
     ----------
-    center, radius
-        (3,) and of the sphere, metres.
+    center
+        (3,) of the sphere, metres.
     intensity
         Luminance times square metres: the median over the spots.
     peak
-        Luminance of the brightest spot, beyond what is around.
+        Luminance of the lamp, beyond what is around: of spots in which it fills a pixel; if there is none, of the
+        brightest spot.
+    resolved
+        Whether there is one.
     spots
         The spots (K,).
     free
@@ -148,112 +205,102 @@ class _Meeting:
         (K,) bool: it meets the mesh before the sphere.
     behind
         (K, 3) where it meets the mesh; NaN where it does not.
+    scraps
+        Metres from the centre to which the mesh may have scraps of it.
     """
 
     center: np.ndarray
-    radius: float
     intensity: float
     peak: float
+    resolved: bool
     spots: Spots
     free: np.ndarray
     hidden: np.ndarray
     behind: np.ndarray
+    scraps: float = 0.0
 
     @classmethod
-    def of(cls, spots: Spots, scene: RayScene) -> "_Meeting":
+    def of(cls, spots: Spots, scene: RayScene, scraps: float = 0.0) -> "_Meeting":
         """What the mesh has along the rays of spots that meet."""
-        center, across = _nearest(spots)
+        center, across = nearest(spots)
         distance = ((center - spots.center) * spots.direction).sum(axis=1)
         weight = (distance * spots.pixel * _POINTING) ** -2
         error = float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv((across * weight[:, None, None]).sum(axis=0))).max()))
         intensity, peak = float(np.median(spots.irradiance * distance**2)), float(spots.peak.max())
-        radius = float(np.sqrt(intensity / (np.pi * peak)))
+        filled = intensity / peak >= _FILLED * (distance * spots.pixel) ** 2
+        if filled.any():  # the brightest pixel of all views is one that noise has made so
+            peak = float(np.median(spots.peak[filled]))
+        radius = np.sqrt(intensity / (np.pi * peak))
         met, _ = scene.intersect(spots.center.astype(np.float32), spots.direction.astype(np.float32))
         away = met.astype(np.float64) - distance
-        margin = max(radius, _SIGMAS * error, float((distance * spots.pixel).max()))
+        margin = float(max(radius, _SIGMAS * error, (distance * spots.pixel).max()))
         free = (away > margin) & np.isfinite(met) & ~_enclosed(spots, distance, radius, margin, scene)
         behind = spots.center + np.where(np.isfinite(met), met, np.nan)[:, None] * spots.direction
-        return cls(center, radius, intensity, peak, spots, free, away < -margin, behind)
+        return cls(center, intensity, peak, bool(filled.any()), spots, free, away < -margin, behind, scraps)
+
+    @property
+    def radius(self) -> float:
+        """Of the sphere, metres."""
+        return float(np.sqrt(self.intensity / (np.pi * self.peak)))
+
+    @property
+    def lacking(self) -> bool:
+        """Whether the mesh has nothing there."""
+        return bool(self.free.sum() >= min(VIEWS, len(self.free)) and not self.hidden.any())
+
+    def like_others(self, emitting: Sequence["_Meeting"]) -> "_Meeting":
+        """The place with the luminance of others as intense of which views tell it, if none tells its own.
+
+        Noise and denoisers make its brightest pixel brighter than it is, but not more than `_OVERSHOOT` times.
+        """
+        same = [
+            own.peak
+            for own in emitting
+            if own.resolved and alike(own.intensity, self.intensity) and self.peak < _OVERSHOOT * own.peak
+        ]
+        return self if self.resolved or not same else replace(self, peak=float(np.median(same)))
+
+    def with_scraps(self, scene: RayScene, blur: float) -> "_Meeting":
+        """The place with its scraps, if the mesh has such there: as wide as the lamp, and with nothing around."""
+        scraps = self.radius + blur
+        if self.radius > _THIN * blur:
+            return self
+        spots = self.spots
+        distance = ((self.center - spots.center) * spots.direction).sum(axis=1)
+        alone = ~_enclosed(spots, distance, scraps, scraps, scene)
+        if alone.sum() < max(min(VIEWS, len(alone)), (1 - _RIM) * len(alone)):
+            return self
+        turn, off = _GOLDEN * np.arange(_AREA_RAYS), np.sqrt((np.arange(_AREA_RAYS) + 0.5) / _AREA_RAYS)
+        directions = _beside(spots, off[:, None] * scraps / distance, turn)
+        place = spots.center + _met(spots, directions, scene)[..., None] * directions
+        near = np.linalg.norm(place - self.center, axis=2) < scraps
+        area = np.pi * scraps**2 * float(np.median(near.mean(axis=0)))
+        sound = 0 < area < np.pi * (self.radius + _WIDER * blur) ** 2
+        return replace(self, scraps=scraps) if sound else self
 
 
 def _enclosed(spots: Spots, distance: np.ndarray, radius: float, margin: float, scene: RayScene) -> np.ndarray:
     """(K,) bool: for each spot's ray, whether much of what is around the sphere is no farther off, or the sky."""
-    across = np.cross(spots.direction, np.eye(3)[np.argmin(np.abs(spots.direction), axis=1)])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    other = np.cross(spots.direction, across)
-    wide = radius / distance + _AROUND_PIXELS * spots.pixel
-    turn = 2 * np.pi * np.arange(_RAYS) / _RAYS
-    ring = np.cos(turn)[:, None, None] * across + np.sin(turn)[:, None, None] * other
-    directions = spots.direction + wide[:, None] * ring
-    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
-    origins = np.broadcast_to(spots.center, directions.shape).reshape(-1, 3)
-    met, _ = scene.intersect(origins.astype(np.float32), directions.reshape(-1, 3).astype(np.float32))
-    met = met.reshape(_RAYS, -1)
+    wide = np.tile(radius / distance + _AROUND_PIXELS * spots.pixel, (_RAYS, 1))
+    met = _met(spots, _beside(spots, wide, 2 * np.pi * np.arange(_RAYS) / _RAYS), scene)
     return ((met < distance + margin) | ~np.isfinite(met)).mean(axis=0) > _RIM
 
 
-def _meetings(spots: Spots) -> list[Spots]:
-    """Spots of three or more views, one of each, whose rays meet and whose intensities agree; no spot twice."""
-    found: list[tuple[int, float, np.ndarray]] = []
-    groups: list[set[int]] = [set() for _ in range(len(spots))]
-    for first in range(len(spots)):
-        for second in _partners(spots, first).tolist():
-            if groups[first] & groups[second]:
-                continue  # the same place
-            own, miss = _together(spots, np.array([first, second]))
-            if len(own) >= _VIEWS:
-                for index in {first, second, *own.tolist()}:
-                    groups[index].add(len(found))
-                found.append((len(own), -miss, own))
-    found.sort(key=lambda meeting: meeting[:2], reverse=True)
-    taken, chosen = np.zeros(len(spots), bool), []
-    for _, _, own in found:
-        if not taken[own].any():
-            taken[own] = True
-            chosen.append(spots[own])
-    return chosen
+def _beside(spots: Spots, off: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """(R, K, 3) unit vectors off those of K spots, by the tangents of angles (R, K), toward R sides ``turn``."""
+    across = np.cross(spots.direction, np.eye(3)[np.argmin(np.abs(spots.direction), axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    other = np.cross(spots.direction, across)
+    ring = np.cos(turn)[:, None, None] * across + np.sin(turn)[:, None, None] * other
+    directions = spots.direction + off[..., None] * ring
+    return directions / np.linalg.norm(directions, axis=2, keepdims=True)
 
 
-def _partners(spots: Spots, first: int) -> np.ndarray:
-    """(M,) later spots of other views that one may be the same as: rays meet, and intensities there agree."""
-    others = np.flatnonzero(spots.view > spots.view[first])
-    offset, toward = spots.center[others] - spots.center[first], spots.direction[others]
-    cosine = toward @ spots.direction[first]
-    along, against = offset @ spots.direction[first], (offset * toward).sum(axis=1)
-    square = np.maximum(1 - cosine**2, 1e-12)
-    near = (along - cosine * against) / square  # distances along both rays to where they are nearest
-    far = (cosine * along - against) / square
-    between = near[:, None] * spots.direction[first] - offset - far[:, None] * toward
-    allowed = _PIXELS * (near * spots.pixel[first] + far * spots.pixel[others])
-    ratio = spots.irradiance[others] * far**2 / (spots.irradiance[first] * near**2 + 1e-30)
-    sound = (square > _PARALLAX**2) & (np.minimum(near, far) > _NEAREST)
-    sound &= (ratio < _INTENSITY) & (ratio > 1 / _INTENSITY)
-    return others[sound & (np.linalg.norm(between, axis=1) < allowed)]
-
-
-def _together(spots: Spots, pair: np.ndarray) -> tuple[np.ndarray, float]:
-    """(K,) spots, one of a view, whose rays pass where those of two meet, as intense there; mean miss in pixels."""
-    distance, off = _passing(spots, _nearest(spots[pair])[0])
-    intensity = spots.irradiance * distance**2
-    ratio = intensity / np.sqrt(intensity[pair].prod())
-    own = np.flatnonzero((distance > _NEAREST) & (off < _PIXELS) & (ratio < _INTENSITY) & (ratio > 1 / _INTENSITY))
-    own = own[np.argsort(off[own], kind="stable")]
-    own = own[np.unique(spots.view[own], return_index=True)[1]]
-    return own, float(off[own].mean()) if len(own) else 0.0
-
-
-def _passing(spots: Spots, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) distances along the rays of spots at which they pass a place, and (N,) by how many pixels."""
-    distance = ((place - spots.center) * spots.direction).sum(axis=1)
-    off = np.linalg.norm(place - spots.center - distance[:, None] * spots.direction, axis=1)
-    return distance, off / (np.maximum(distance, _NEAREST) * spots.pixel)
-
-
-def _nearest(spots: Spots) -> tuple[np.ndarray, np.ndarray]:
-    """(3,) the place nearest to the rays of spots, and (K, 3, 3) what projects across each."""
-    across = np.eye(3) - spots.direction[:, :, None] * spots.direction[:, None]
-    right = (across @ spots.center[:, :, None]).sum(axis=0)[:, 0]
-    return np.linalg.solve(across.sum(axis=0), right), across
+def _met(spots: Spots, directions: np.ndarray, scene: RayScene) -> np.ndarray:
+    """(R, K) distance to what rays along directions (R, K, 3) from the cameras of K spots meet; inf for nothing."""
+    origins = np.broadcast_to(spots.center, directions.shape).reshape(-1, 3)
+    met, _ = scene.intersect(origins.astype(np.float32), directions.reshape(-1, 3).astype(np.float32))
+    return met.reshape(directions.shape[:2]).astype(np.float64)
 
 
 def _asked(
@@ -274,17 +321,19 @@ def _asked(
             place = places[index]
             if view not in place.spots.view:
                 expected = min(place.intensity / distance[index] ** 2 * camera.fx * camera.fy, place.peak)
-                denied[index] += around.flat[pixel[index]] < _DARK * expected or _points_at(own, place.center)
+                # where the mesh has scraps, too little light is that of a lamp of which something hides a part
+                other = _points_at(own, place.center, INTENSITY * place.intensity if place.scraps else 0.0)
+                denied[index] += around.flat[pixel[index]] < _DARK * expected or other
         inside = np.linalg.norm(centers - camera.center, axis=1) < _OUTSIDE * radii
         denied += len(cameras) * inside
         surface.append(_some_surface(camera, luminance, valid, scene))
     return denied + behind.bright(), _outshining(places, np.concatenate(surface))
 
 
-def _points_at(spots: Spots, place: np.ndarray) -> bool:
-    """Whether the ray of one of a view's spots passes a place: what shines there has another intensity in that view."""
-    distance, off = _passing(spots, place)
-    return bool(((distance > _NEAREST) & (off < _PIXELS)).any())
+def _points_at(spots: Spots, place: np.ndarray, above: float) -> bool:
+    """Whether the ray of a view's spot passes a place with an intensity ``above`` another: it is not the same lamp."""
+    distance, off = passing(spots, place)
+    return bool(((distance > NEAREST) & (off < PIXELS) & (spots.irradiance * distance**2 > above)).any())
 
 
 class _Behind:
@@ -376,7 +425,7 @@ def _visible(
     inside = (depth > 0) & (column >= 0) & (row >= 0) & (column < camera.width) & (row < camera.height)
     inside[inside] = valid[row[inside], column[inside]] > 0
     toward = centers - camera.center
-    distance = np.maximum(np.linalg.norm(toward, axis=1), _NEAREST)
+    distance = np.maximum(np.linalg.norm(toward, axis=1), NEAREST)
     met, _ = scene.intersect(camera.center.astype(np.float32), (toward / distance[:, None]).astype(np.float32))
     near = distance * (1 - 0.5 / camera.fx) - radii  # a place on the mesh is half a pixel before it, or behind
     return np.where(inside & (met > near), row * camera.width + column, -1), distance

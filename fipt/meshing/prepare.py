@@ -101,6 +101,8 @@ def prepared(
     if settings.prepare == "always" or noisy or asks["triangles_per_pixel"] > FINE:
         mesh, made = _made(mesh, seen, np.radians(asks["normal_deviation_degrees"]), settings)
         figures |= {"prepared": True, **made}
+        if not noisy:  # a modeller's fine mesh is right where it is thin
+            del figures["side_mm"]
         if settings.cut_edges:
             edges = find_edges(mesh, cameras, radiance)
             mesh, regions = separated(cut_at(mesh, edges), cameras, radiance)
@@ -160,6 +162,7 @@ def _made(mesh: Mesh, seen: SeenSurface, deviation: float, settings: PrepareSett
     done, _ = clean(done, 0.0)
     return done, {
         "noise_mm": round(float(1e3 * noise), 3),
+        "side_mm": round(1e3 * edge, 3),
         **asdict(cleaned),
         **asdict(holes),
         "planes": len(planes.offset),

@@ -1,8 +1,8 @@
 """Emitters that give more light than was found of them, as what they light tells.
 
 A scan has half of a bulb of two pixels, and a lamp of a few pixels is hardly larger than its rim. Its radiance is
-measured, its area is not. Several lamps near each other, as those of a chandelier, light the same: they are one here, a
-*cluster* of emitters.
+measured, its area is not. A closed piece of the mesh that emits all over is a whole lamp. Several lamps near each
+other, as those of a chandelier, light the same: they are one here, a *cluster* of emitters.
 """
 
 import logging
@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fipt.groups import connected_groups
+from fipt.meshing.topology import border_vertices, pieces
 from fipt.scene.emitters import Emitters
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
@@ -32,6 +33,8 @@ _MOST = 64
 """Clusters that are asked about, the strongest."""
 _NEIGHBOURS = 16
 """Emitters around one with which it may be of one cluster; all pairs would be many where each triangle emits alone."""
+_DARK = 0.1
+"""Share of a closed piece's area that does not emit, above which it is no lamp by itself."""
 _ODDS = 100
 """Beforehand, that a cluster is as it was found. One that was raised in the round before needs no such odds: what is
 hardly worth it would come and go by round."""
@@ -48,7 +51,7 @@ def with_what_they_light(
 ) -> tuple[Emitters, tuple[str, ...]]:
     """Emitters, brighter where what they light says so, and warnings about these.
 
-    What is in doubt, guessed or accepted by a person stays as it is.
+    What is in doubt, guessed or accepted by a person stays as it is, and a lamp that is whole.
 
     Parameters
     ----------
@@ -60,7 +63,7 @@ def with_what_they_light(
         (T,) bool: triangles that emit what the photographs show, as a person said.
     """
     found = extracted.emitters
-    certain = ~extracted.in_doubt & ~found.guessed & ~accepted[found.triangle]
+    certain = ~extracted.in_doubt & ~found.guessed & ~(accepted | _whole(mesh, found))[found.triangle]
     certain = np.flatnonzero(certain & (found.power > 0))
     if len(certain) == 0:
         return found, ()
@@ -79,6 +82,14 @@ def with_what_they_light(
     factor = 1 + raised[:, None]
     brighter = replace(found, radiance=found.radiance * factor, error=found.error * factor, raised=raised)
     return brighter, tuple(_in_words(mesh, found, number == k, more[k]) for k in np.flatnonzero(more))
+
+
+def _whole(mesh: Mesh, found: Emitters) -> np.ndarray:
+    """(T,) bool: triangles of closed pieces of the mesh that emit all over; nothing of such a lamp is missing."""
+    piece, emits = pieces(mesh), np.isin(np.arange(len(mesh.triangles)), found.triangle)
+    open_ = border_vertices(mesh)[mesh.triangles].any(axis=1)
+    dark = np.bincount(piece, mesh.areas * ~emits) > _DARK * np.bincount(piece, mesh.areas)
+    return ~np.isin(piece, piece[open_]) & ~dark[piece]
 
 
 def beyond(

@@ -242,7 +242,7 @@ def _write_mesh(
     if settings.add_emitters:
         from fipt.stages.importing.added import with_missing_emitters
 
-        mesh, added, said = with_missing_emitters(mesh, train, radiance)
+        mesh, added, said = with_missing_emitters(mesh, train, radiance, figures.get("side_mm", 0.0) / 1e3)
         figures |= added
         warnings += said
     if settings.mask_occluders and settings.prepare != "never" and (done or figures["prepared"]):

@@ -48,7 +48,8 @@ class ImportSettings(Settings):
         "mesh, or of one of photographs, which lacks it",
     )
     add_emitters: bool = Field(
-        default=True, description="put spheres into the mesh where the views show round lamps that it lacks"
+        default=True,
+        description="put spheres into the mesh where the views show round lamps that it lacks, or a scan has in scraps",
     )
 
     @property

@@ -111,13 +111,16 @@ def test_a_mesh_without_any_noise_has_its_planes(backend) -> None:
     """Deviations of exactly zero are the width of no filter."""
     done, figures = prepared(scan(0.0), [camera()], dark, SimpleNamespace(**vars(AUTO) | {"prepare": "always"}))
     assert figures["planes"] == 3
+    assert "side_mm" not in figures, "it is no scan"
     assert np.isfinite(done.vertices).all()
 
 
 def test_measured_noise_is_that_of_the_vertices(backend) -> None:
-    one, other = (prepared(scan(noise), [camera()], dark, AUTO)[1]["noise_mm"] for noise in (0.002, 0.004))
-    assert 1 < one < 4
-    assert other == pytest.approx(2 * one, rel=0.2)
+    one, other = (prepared(scan(noise), [camera()], dark, AUTO)[1] for noise in (0.002, 0.004))
+    assert 1 < one["noise_mm"] < 4
+    assert other["noise_mm"] == pytest.approx(2 * one["noise_mm"], rel=0.2)
+    sides = np.linalg.norm(np.diff(scan(0.0).corners, axis=1), axis=2)
+    assert one["side_mm"] == pytest.approx(1e3 * np.median(sides), rel=0.3)
 
 
 def test_noise_is_measured_where_triangles_have_vertices_of_their_own(backend) -> None:

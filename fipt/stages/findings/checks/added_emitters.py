@@ -1,4 +1,4 @@
-"""Lamps that the mesh lacked: the import put spheres where the views show them (prepare.json)."""
+"""Lamps that the mesh lacked, or had in scraps: the import put spheres there (prepare.json)."""
 
 import numpy as np
 
@@ -30,8 +30,9 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
         RoomFinding(
             "added-emitters",
             "warning",
-            f"The views show round lamps that the mesh lacked ({len(added)}), near {near}{more}. Spheres stand "
-            f"for them, and have {100 * share:.0f} % of the emitted power; stands and shades are missing all the same.",
+            f"The views show round lamps that the mesh lacked, or had in scraps ({len(added)}), near {near}{more}. "
+            f"Spheres stand for them, and have {100 * share:.0f} % of the emitted power; stands and shades are missing "
+            "all the same.",
             measure,
             "Add the lamps to the mesh (photograph them from near, all around). If one is no lamp, set "
             "import.add_emitters: false.",

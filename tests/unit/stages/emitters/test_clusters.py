@@ -91,8 +91,12 @@ def test_light_that_comes_straight(backend, side):
 def lit_floor(backend, np_rng):
     """`with_what_they_light` of the quad, that lights the floor ``factor`` times as much as its surface does."""
 
-    def run(factor, change=lambda extracted: extracted, accepted=False):
+    def run(factor, change=lambda extracted: extracted, accepted=False, back="none"):
         mesh, found = quad_above_a_floor()
+        if back != "none":
+            mesh = replace(mesh, triangles=np.concatenate([mesh.triangles, mesh.triangles[2:, ::-1]]))
+            shines = np.arange(2, 6 if back == "shines" else 4, dtype=np.int32)
+            found = Emitters.plain(mesh, shines, np.full((len(shines), 3), 200.0), np.zeros(len(shines), np.int32))
         place = np.float32(np.insert(np_rng.uniform(-1.5, 1.5, (8000, 2)), 1, 0, axis=1))
         triangle = np.where(place[:, 0] < place[:, 2], 0, 1)
         light = 0.3 + factor * straight_below(place[:, 0], place[:, 2])
@@ -102,9 +106,9 @@ def lit_floor(backend, np_rng):
         image = np.tile(0.5 * light[:, None], 3)
         shards = scenes.observed([samples], [np.zeros((8000, 1, 3))], [(image, np.ones(8000))])
         cache = cache_of(place, np.tile(UP, (8000, 1)), image)
-        extracted = change(Extracted(found, Undecided.none()))
+        extracted, count = change(Extracted(found, Undecided.none())), len(mesh.triangles)
         return with_what_they_light(
-            mesh, shards, extracted, cache, constant((0.3, 0.3, 0.3)), np.zeros(4, bool), np.full(4, accepted)
+            mesh, shards, extracted, cache, constant((0.3, 0.3, 0.3)), np.zeros(count, bool), np.full(count, accepted)
         )
 
     return run
@@ -115,6 +119,18 @@ def test_an_emitter_is_as_bright_as_what_it_lights(lit_floor):
     np.testing.assert_allclose(brighter.radiance, 200 * 2.5, rtol=0.15)
     np.testing.assert_allclose(brighter.raised, brighter.radiance[:, 0] / 200 - 1, rtol=1e-5)
     assert "the lamp near (0.00, 1.00, 0.00) lights its surroundings 2." in words[0]
+
+
+def test_a_lamp_that_is_whole_stays_as_it_is(lit_floor):
+    found, words = lit_floor(2.5, back="shines")
+    assert (found.radiance == 200).all()
+    assert not found.raised.any()
+    assert words == ()
+
+
+def test_a_lamp_that_is_a_part_of_a_closed_thing_may_lack_a_part(lit_floor):
+    found, _ = lit_floor(2.5, back="dark")
+    np.testing.assert_allclose(found.radiance, 200 * 2.5, rtol=0.15)
 
 
 def with_radiance(radiance):
