@@ -18,6 +18,8 @@ _LEVEL = 75
 """Percentile of a view's luminance that stands for its lit surfaces."""
 _WIDEST = 10
 """A window reaches a tenth of the view's longer side to each side of a spot, which fills a quarter of it at most."""
+_UPPER = 0.75
+"""Quantile of a spot's pixels: the median of the brighter half."""
 _TRIED = 4
 """Peaks that are looked at for each spot that is kept at most, the brightest first: a bound on time."""
 
@@ -38,6 +40,9 @@ class Spots:
         (N,) that the spot makes at the camera, on a plane that faces it: radiance times solid angle, of luminance.
     peak
         (N,) largest luminance in it, beyond what is around.
+    level
+        (N,) median of the brighter half of its pixels, beyond what is around: those at its edge are dim, and noise
+        makes the brightest one brighter.
     pixel
         (N,) largest angle of a pixel of the view, radians.
     """
@@ -47,6 +52,7 @@ class Spots:
     direction: np.ndarray
     irradiance: np.ndarray
     peak: np.ndarray
+    level: np.ndarray
     pixel: np.ndarray
 
     def __len__(self) -> int:
@@ -85,21 +91,21 @@ def bright_spots(camera: Camera, radiance: np.ndarray, valid: np.ndarray, view: 
             spot = _spot(luminance, valid > 0, taken, (r, c), half)
             found += [] if spot is None else [spot]
     found.sort(key=lambda spot: -spot[2])
-    columns, rows, light, peak = np.array(found[:most], float).reshape(-1, 4).T
+    columns, rows, light, peak, level = np.array(found[:most], float).reshape(-1, 5).T
     directions = camera.directions(columns, rows).reshape(-1, 3).astype(np.float64)
     # a pixel off the axis is smaller, and seen aslant
     cosine = -directions @ camera.world_from_camera[:3, 2]
     number, center = np.full(len(rows), view), np.tile(camera.center, (len(rows), 1))
     solid_angle = cosine**3 / (camera.fx * camera.fy)
     return Spots(
-        number, center, directions, light * solid_angle, peak, np.full(len(rows), 1 / min(camera.fx, camera.fy))
+        number, center, directions, light * solid_angle, peak, level, np.full(len(rows), 1 / min(camera.fx, camera.fy))
     )
 
 
 def _spot(
     luminance: np.ndarray, known: np.ndarray, taken: np.ndarray, peak: tuple[int, int], half: int
-) -> tuple[float, float, float, float] | None:
-    """Column and row of the middle, sum and peak of what a spot has beyond what is around; None: it is no spot.
+) -> tuple[float, float, float, float, float] | None:
+    """Column and row of the middle; sum, peak and level of what a spot has beyond what is around. None: it is no spot.
 
     Its pixels are ``taken`` (H, W) in any case. Pixels that are not ``known`` (H, W) cut it as the picture's side does.
     """
@@ -119,4 +125,5 @@ def _spot(
     rows, columns = np.mgrid[: near.shape[0], : near.shape[1]] + 0.5
     total = beyond.sum()
     column, row = (beyond * columns).sum() / total + low[1], (beyond * rows).sum() / total + low[0]
-    return float(column), float(row), float(total), float(luminance[peak]) - around
+    level = float(np.quantile(near[own], _UPPER)) - around
+    return float(column), float(row), float(total), float(luminance[peak]) - around, level

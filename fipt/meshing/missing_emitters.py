@@ -15,8 +15,8 @@ surface behind it, and the room is dark. A sphere that emits the same in all dir
 - it is far brighter than the surface around, and gives some of the light of the room. A candle or a cup that the mesh
   lacks, too, only reflects.
 
-Radius r and radiance L come from the intensity I = pi r^2 L. L is the median of the brightest pixels of spots in which
-the lamp fills some. Of a lamp that fills no pixel, L is that of others as intense, as lamps come in sets; else the
+Radius r and radiance L come from the intensity I = pi r^2 L. L is the median of the levels of spots in which the lamp
+fills some pixels. Of a lamp that fills no pixel, L is that of others as intense, as lamps come in sets; else the
 largest radiance that a view shows, and r is an upper bound. Its light is right all the same.
 """
 
@@ -229,7 +229,7 @@ class _Meeting:
         intensity, peak = float(np.median(spots.irradiance * distance**2)), float(spots.peak.max())
         filled = intensity / peak >= _FILLED * (distance * spots.pixel) ** 2
         if filled.any():  # the brightest pixel of all views is one that noise has made so
-            peak = float(np.median(spots.peak[filled]))
+            peak = float(np.median(spots.level[filled]))
         radius = np.sqrt(intensity / (np.pi * peak))
         met, _ = scene.intersect(spots.center.astype(np.float32), spots.direction.astype(np.float32))
         away = met.astype(np.float64) - distance
