@@ -126,8 +126,10 @@ def _emitting(
     mesh: Mesh, spots: Spots, cameras: Sequence[Camera], radiance: Radiance, blur: float, met: Sequence[Spots]
 ) -> list["_Meeting"]:
     """Of the places where some ``spots`` meet those that are lamps."""
-    places, scene = _places(mesh, met, blur) if met else ([], None)
-    if scene is None or not places:
+    if not met:
+        return []
+    places, scene = _places(mesh, met, blur)
+    if not places:
         return []
     denied, outshines = _asked(places, spots, scene, cameras, radiance)
     sound = outshines & (_DENIED * denied <= [len(place.spots) for place in places])

@@ -221,7 +221,7 @@ def test_scraps_on_a_board_stay() -> None:
 
 def test_scraps_in_a_wide_shade_stay() -> None:
     """What seems to be a bulb may be the lit inside of the shade."""
-    shade = trimesh.creation.cylinder(0.1, 0.2, sections=64)
+    shade = trimesh.creation.cylinder(0.11, 0.12, sections=64)
     shade.update_faces(np.abs(shade.face_normals[:, 2]) < 0.5)
     shade.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
     shade = of(shade.apply_translation(CENTER))
