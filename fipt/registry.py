@@ -47,7 +47,7 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 8),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 6),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 11),
-    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 40),
+    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 41),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 23),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 24),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 2),

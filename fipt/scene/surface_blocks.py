@@ -31,6 +31,8 @@ MANY_BLOCKS = 1000
 """Blocks whose light is traced: it is a smooth function of place, and has few unknowns."""
 _PLANES = 64
 """Planes along the box that are told apart: some 10 cm in a room, the depth of a shelf."""
+_LARGE = 0.01
+"""Share of all blocks that a plane has which goes on where no view looks: a wall, not the face of a cupboard."""
 _SCANNED = 0.25
 """Share of all samples that a part has only if it is no single thing."""
 _LEAST_PIXELS = 4
@@ -67,6 +69,21 @@ class Blocks:
     def chosen(self, rows: np.ndarray) -> "Blocks":
         """Those of ``rows``, (N,) bool or indices."""
         return Blocks(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+    def go_on(self, mesh: Mesh, hidden: np.ndarray, box: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(T,) bool: ``hidden`` triangles (T,) in a plane of which views show a part: a ceiling beyond their frames.
+
+        ``box`` has the ``side`` of the scene box (cache.npz); planes are as far apart as those of blocks.
+        """
+        result, asked = np.zeros(len(mesh.triangles), bool), np.flatnonzero(hidden & (mesh.areas > 0))
+        depth = float(box["side"]) / _PLANES
+        own, facing = facings(self.normal[:, 0]), facings(mesh.normals[asked])
+        for k in np.unique(facing):
+            level, there = np.sort(self.position[own == k, 0, k // 2]), asked[facing == k]
+            height = mesh.corners[there].mean(axis=1)[:, k // 2]
+            near = np.searchsorted(level, height - depth), np.searchsorted(level, height + depth)
+            result[there] = near[1] - near[0] >= max(_LARGE * len(own), 1)
+        return result
 
     @property
     def brightest(self) -> float:

@@ -95,6 +95,8 @@ class Lights:
 
     Attributes
     ----------
+    goes_on
+        (T,) bool: hidden triangles in which a plane goes on that views show; they are as bright as that.
     met
         (T,) int64: how many rays have met each triangle so far.
     """
@@ -111,6 +113,7 @@ class Lights:
         self.brightest = brightest
         self.mesh, self.hidden = mesh, hidden
         self.environment, self.sun = split(environment)
+        self.goes_on = np.zeros(len(mesh.triangles), bool)
         self.met = np.zeros(len(mesh.triangles), np.int64)
         self.scene = RayScene(mesh)
         self.emitted = np.full((len(mesh.triangles), 3), np.nan)
@@ -215,7 +218,7 @@ class Lights:
         met = triangle >= 0
         self.met += np.bincount(triangle[met], minlength=len(self.met))
         radiance = np.zeros((len(origin), 3))
-        surface = np.flatnonzero(met & ~self.hidden[triangle])
+        surface = np.flatnonzero(met & (~self.hidden | self.goes_on)[triangle])
         normal = self.mesh.normals[triangle[surface]]
         normal = np.where((normal * direction[surface]).sum(axis=1, keepdims=True) > 0, -normal, normal)
         place = origin[surface] + distance[surface, None] * direction[surface]
@@ -299,9 +302,10 @@ def with_patches(blocks: Blocks, patches: Patches, lights: Lights, known: Transp
     small = patches.of_small_parts
     given[:, small] = _given(blocks, patches.only(small, lights.mesh), lights, _TOWARDS, _SMALL_POINTS)
     at_patches, among = _among(patches, lights)
-    # radiosity of unseen surface: what it sends back of seen light, and of its own
-    solved = np.linalg.inv(np.eye(len(among)) - GREY * among)
-    reflected = solved @ (GREY * at_patches)
+    # radiosity of unseen surface: what it sends back of seen light, and of its own; what is seen to go on has sent it
+    grey = GREY * patches.mean_of(~lights.goes_on, lights.mesh)[:, None]
+    solved = np.linalg.inv(np.eye(len(among)) - grey * among)
+    reflected = solved @ (grey * at_patches)
     return Transport(known.seen + given @ reflected, given @ solved, given, known.open)
 
 
@@ -320,6 +324,7 @@ def _by_unseen(blocks: Blocks, patches: Patches, lights: Lights) -> np.ndarray:
     count, rng, result = _RAYS // points, np.random.default_rng(2), np.zeros((rows, len(patches.area)))
     of_patch = _PATCH_POINTS if len(patches.area) <= _FEW_PATCHES else 1
     chunk = max(_PATHS // (points * count), 1)
+    dark = lights.hidden & ~lights.goes_on & (patches.number < 0)
     for first in range(0, rows, chunk):
         here = slice(first, first + chunk)
         row = np.repeat(np.arange(rows)[here], points * count)
@@ -329,7 +334,7 @@ def _by_unseen(blocks: Blocks, patches: Patches, lights: Lights) -> np.ndarray:
             direction = cosine_directions(normal, rng)
             distance, triangle = lights.scene.intersect(position + lights.scene.epsilon * normal, direction)
             # what emits sends nothing on
-            on = np.flatnonzero((triangle >= 0) & lights.hidden[triangle] & (patches.number[triangle] < 0))
+            on = np.flatnonzero((triangle >= 0) & dark[triangle])
             if len(on) == 0:
                 break
             position = (position[on] + distance[on, None] * direction[on]).astype(np.float32)

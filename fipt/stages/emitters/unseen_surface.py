@@ -137,6 +137,12 @@ class Patches:
         """(P,) bool: patches of this area or more, square metres. A small part is judged as a whole."""
         return self._of_whole(self.area) >= area
 
+    def mean_of(self, values: np.ndarray, mesh: Mesh) -> np.ndarray:
+        """(P,) means of values (T,) of triangles over the area of each patch."""
+        own = self.number >= 0
+        area = mesh.areas[own]
+        return np.bincount(self.number[own], values[own] * area, len(self.area)) / self.area
+
     def _of_whole(self, values: np.ndarray) -> np.ndarray:
         """(P,) sums of values (P,) over the small part that a patch is of; of others the patch's own."""
         owner, own = np.arange(len(self.area)), (self.part >= 0) & (self.number >= 0)

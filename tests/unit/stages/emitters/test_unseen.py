@@ -346,7 +346,12 @@ def guessing(monkeypatch, floor_and_ceiling):
         radiance: float = 5.0,
         asked: bool = False,
     ):
-        blocks = SimpleNamespace(radiance=np.full((50, 3), radiance), triangle=np.arange(50) % 2, brightest=radiance)
+        blocks = SimpleNamespace(
+            radiance=np.full((50, 3), radiance),
+            triangle=np.arange(50) % 2,
+            brightest=radiance,
+            go_on=lambda *_: np.zeros(len(floor_and_ceiling.triangles), bool),
+        )
         number = np.full(len(floor_and_ceiling.triangles), -1)
         number[-2:] = 0
         at, one, alone = np.array([[0.0, 2.0, 0.0]]), np.ones(1), np.full(len(number), -1)
@@ -356,7 +361,7 @@ def guessing(monkeypatch, floor_and_ceiling):
             "blocks_of": blocks,
             "_square_pixel": 0.0,
             "hidden_triangles": number >= 0,
-            "Lights": SimpleNamespace(mesh=floor_and_ceiling, hidden=number >= 0, met=number >= 0),
+            "Lights": SimpleNamespace(mesh=floor_and_ceiling, hidden=number >= 0, met=number >= 0, goes_on=number < 0),
             "seen_light": known,
             "explained": is_explained,
             "patches_of": patches,
@@ -594,6 +599,85 @@ def test_light_goes_on_from_unseen_surface(backend, np_rng):
     known = Transport(np.zeros((300, 3)), np.zeros((300, 1)), np.zeros((300, 1)), none)
     found = with_more_rays(blocks, patches, own, known)
     assert (found.unseen - found.straight).mean() == pytest.approx(15 / 16 * found.straight.mean(), rel=0.06)
+
+
+def ceiling_blocks(y, count=20, down=-1.0) -> Blocks:
+    """Seen blocks of a ceiling at a height, from x = 0 to 1, and ten of a floor at 0."""
+    place = np.zeros((count + 10, 1, 3), np.float32)
+    place[:count, 0, 0], place[:count, 0, 1] = np.linspace(0, 1, count), y
+    normal = np.zeros_like(place)
+    normal[:, 0, 1] = np.where(np.arange(count + 10) < count, down, 1)
+    none = np.zeros(count + 10, int)
+    return Blocks(place, normal, np.ones((count + 10, 3)), none, none, none)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "hidden", "goes_on"),
+    [
+        (ceiling_blocks(2.0), True, True),
+        (ceiling_blocks(2.1), True, True),
+        (ceiling_blocks(2.2), True, False),  # 12.5 cm are a level
+        (ceiling_blocks(2.0, down=1.0), True, False),  # a shelf, seen from above
+        (ceiling_blocks(2.0), False, False),
+    ],
+    ids=["same plane", "rounding of a scan", "another plane", "its other side", "seen"],
+)
+def test_a_plane_goes_on_beyond_what_views_show(floor_and_ceiling, blocks, hidden, goes_on):
+    """Of the panel at a height of 2 m, which faces down; the floor is seen."""
+    of_panel = np.arange(len(floor_and_ceiling.triangles)) >= len(floor_and_ceiling.triangles) - 2
+    found = blocks.go_on(floor_and_ceiling, of_panel & hidden, {"side": np.array(SIDE)})
+    np.testing.assert_array_equal(found, of_panel & goes_on)
+
+
+def test_a_small_face_is_no_plane_that_goes_on(floor_and_ceiling):
+    """Three of 310 blocks are less than a hundredth, four are not."""
+    hidden = np.arange(len(floor_and_ceiling.triangles)) >= len(floor_and_ceiling.triangles) - 2
+    many = ceiling_blocks(1.0, 300)
+    for count in (3, 4):
+        many.position[:count, 0, 1] = 2.0
+        assert many.go_on(floor_and_ceiling, hidden, {"side": np.array(SIDE)}).any() == (count == 4)
+
+
+def test_what_goes_on_is_as_bright_as_what_is_seen_of_it(floor_and_ceiling, np_rng):
+    """Of the cosine lobe 7.3 % meet the panel. It counts once: it does not reflect what arrives there as well."""
+    _, hidden, _ = lights(floor_and_ceiling, floor_samples(np_rng, 4000))
+    x, z = (c.ravel() for c in np.meshgrid(*[np.linspace(-3.99, 3.99, 160)] * 2))
+    surface = np.float32([np.column_stack([x, np.full(x.size, y), z]) for y in (0, 2)]).reshape(-1, 3)
+    facing = np.repeat(np.float32([[0, 1, 0], [0, -1, 0]]), x.size, axis=0)
+    own = Lights(floor_and_ceiling, hidden, cache_of(surface, facing, 0.4), Emitters.none(), NOTHING)
+    below, up = np.zeros((64, 4, 3), np.float32), np.tile(np.float32([0, 1, 0]), (64, 4, 1))
+    none = np.zeros(64, int)
+    blocks = Blocks(below, up, np.ones((64, 3)), none, none, none)
+    patches = all_patches(floor_and_ceiling, hidden & (np.arange(len(hidden)) >= len(hidden) - 2))
+    black = seen_light(blocks, own)
+    np.testing.assert_allclose(black.seen, 0)
+    grey = with_patches(blocks, patches, own, black).seen  # the floor fills most of what the panel faces
+    assert (grey > 0.3 * 0.4 * 0.0735).all()
+    assert (grey < 0.5 * 0.4 * 0.08).all()
+    own.goes_on = hidden
+    measured = seen_light(blocks, own)
+    assert measured.seen.mean() == pytest.approx(0.4 * 0.0735, rel=0.05)
+    found = with_patches(blocks, patches, own, measured)
+    np.testing.assert_allclose(found.seen, measured.seen)
+    np.testing.assert_allclose(found.unseen, found.straight)
+
+
+def test_light_is_measured_with_the_planes_that_go_on(backend, np_rng, monkeypatch):
+    """A ceiling of 2 m2, of which views show one half."""
+    mesh = scenes.joined(scenes.floor(), *(scenes.emitter_quad((x, x + 1), 2.0, (-0.5, 0.5)) for x in (0, 1)))
+    below = floor_samples(np_rng)
+    above = np.insert(np_rng.uniform((0, -0.5), (1, 0.5), (400, 2)), 1, 2.0, axis=1)
+    position = np.float32(np.concatenate([below.position, above]))
+    triangle = np.concatenate([below.triangle, np.where(above[:, 0] < above[:, 2] + 0.5, 2, 3)])
+    normal = np.float32(np.where(triangle[:, None] < 2, [0, 1, 0], [0, -1, 0]))
+    samples = scenes.samples_of(position, triangle, normal=normal)
+    shards = scenes.observed([samples], [np.zeros((800, 1, 3))], [(np.full((800, 3), 0.2), np.ones(800, np.float32))])
+    measured = []
+    monkeypatch.setattr(unseen_guess, "seen_light", lambda blocks, own: measured.append(own) or seen_light(blocks, own))
+    none = np.zeros(len(mesh.triangles), bool)
+    arguments = (mesh, shards, Emitters.none(), cache_of(position, normal, 0.2), NOTHING, none, np.full(len(none), -1))
+    unseen_guess._trial(*arguments)
+    np.testing.assert_array_equal(np.flatnonzero(measured[0].hidden & measured[0].goes_on), [4, 5])
 
 
 def test_a_pane_is_found_as_a_whole(np_rng):
