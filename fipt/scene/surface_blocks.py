@@ -32,7 +32,9 @@ MANY_BLOCKS = 1000
 _PLANES = 64
 """Planes along the box that are told apart: some 10 cm in a room, the depth of a shelf."""
 _LARGE = 0.01
-"""Share of all blocks that a plane has which goes on where no view looks: a wall, not the face of a cupboard."""
+"""Share of all blocks that a plane has which goes on where no view looks: a wall, not the side of a drawer."""
+_BESIDE = 4
+"""Blocks whose mean tells how bright a plane is where it goes on."""
 _SCANNED = 0.25
 """Share of all samples that a part has only if it is no single thing."""
 _LEAST_PIXELS = 4
@@ -70,19 +72,35 @@ class Blocks:
         """Those of ``rows``, (N,) bool or indices."""
         return Blocks(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
-    def go_on(self, mesh: Mesh, hidden: np.ndarray, box: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(T,) bool: ``hidden`` triangles (T,) in a plane of which views show a part: a ceiling beyond their frames.
+    def beyond(self, mesh: Mesh, hidden: np.ndarray, box: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(T, 2, 3) float32 radiance of both sides of ``hidden`` triangles (T,) in planes of which blocks show a part.
 
-        ``box`` has the ``side`` of the scene box (cache.npz); planes are as far apart as those of blocks.
+        NaN elsewhere. A ceiling goes on beyond the frames of all views: it is as bright there as the blocks of it that
+        are nearest. Planes lie along the axes, in one connected part, and are as thick as those of blocks at most. The
+        first side is the one to which the normal points. ``box`` has the ``side`` of the scene box (cache.npz).
         """
-        result, asked = np.zeros(len(mesh.triangles), bool), np.flatnonzero(hidden & (mesh.areas > 0))
-        depth = float(box["side"]) / _PLANES
-        own, facing = facings(self.normal[:, 0]), facings(mesh.normals[asked])
-        for k in np.unique(facing):
-            level, there = np.sort(self.position[own == k, 0, k // 2]), asked[facing == k]
-            height = mesh.corners[there].mean(axis=1)[:, k // 2]
-            near = np.searchsorted(level, height - depth), np.searchsorted(level, height + depth)
-            result[there] = near[1] - near[0] >= max(_LARGE * len(own), 1)
+        result = np.full((len(mesh.triangles), 2, 3), np.nan, np.float32)
+        asked, part, depth = (
+            np.flatnonzero(hidden & (mesh.areas > 0)),
+            connected_parts(mesh),
+            float(box["side"]) / _PLANES,
+        )
+        way, center = facings(mesh.normals[asked]), mesh.corners[asked].mean(axis=1)
+        own = np.column_stack([part[self.triangle], facings(self.normal[:, 0])])
+        surfaces, count = np.unique(own, axis=0, return_counts=True)
+        least = max(_LARGE * len(own), 1)
+        for owner, facing in surfaces[count >= least]:
+            rows, axis = np.flatnonzero((own == (owner, facing)).all(axis=1)), facing // 2
+            stretch = np.where(np.arange(3) == axis, _PLANES, 1.0)  # what lies off the plane is far away
+            place, level = self.position[rows, 0] * stretch, self.position[rows, 0, axis].astype(np.float64)
+            for side in (0, 1):  # facings of opposite ways are 2 k and 2 k + 1
+                there = np.flatnonzero((part[asked] == owner) & (way ^ side == facing))
+                height = center[there, axis]
+                first, last = (np.searchsorted(np.sort(level), height + d) for d in (-depth, depth))
+                there, height = there[last - first >= least], height[last - first >= least]
+                _, near = cKDTree(place).query(center[there] * stretch, k=range(1, min(_BESIDE, len(rows)) + 1))
+                same = np.abs(height[:, None] - level[near]) <= depth
+                result[asked[there], side] = _mean_of_log(self.radiance[rows][near], same)
         return result
 
     @property
@@ -147,6 +165,13 @@ def blocks_of(
     if len(kept) > most:
         kept = np.sort(np.random.default_rng(0).permutation(kept)[:most])
     return _gathered(kept, block, (position, normal, color, group, view, of_sample), points)
+
+
+def _mean_of_log(radiance: np.ndarray, use: np.ndarray) -> np.ndarray:
+    """(N, 3) geometric means of radiances (N, K, 3) where ``use`` (N, K); NaN of none."""
+    count = use.sum(axis=1)[:, None]
+    total = (np.log(np.maximum(radiance, 1e-12)) * use[..., None]).sum(axis=1)
+    return np.where(count > 0, np.exp(total / np.maximum(count, 1)), np.nan)
 
 
 def _gathered(kept: np.ndarray, block: np.ndarray, columns: tuple[np.ndarray, ...], points: int) -> Blocks:

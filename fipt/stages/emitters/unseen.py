@@ -6,7 +6,8 @@ known up to the rays that end on unseen surface, and linear in what is emitted t
     E_i = E_seen_i + sum_p T_ip (0.5 E_p + e_p),        C_i = rho_i E_i
 
 E is irradiance over pi, e the radiance that a patch emits, C the radiance that is seen. Unseen surface reflects as
-well, taken for grey of `GREY`. Nothing here depends on the fit or on its materials.
+well, taken for grey of `GREY`; where it is the rest of a plane that views show, E_seen has its light, and it reflects
+nothing beside that. Nothing here depends on the fit or on its materials.
 """
 
 from collections.abc import Mapping
@@ -79,7 +80,7 @@ class Transport:
 
 
 class Lights:
-    """What rays find: measured radiance, or unseen surface.
+    """What rays find: radiance that is measured, or that of the plane around, or unseen surface.
 
     Parameters
     ----------
@@ -95,10 +96,11 @@ class Lights:
 
     Attributes
     ----------
-    goes_on
-        (T,) bool: hidden triangles in which a plane goes on that views show; they are as bright as that.
-    met
-        (T,) int64: how many rays have met each triangle so far.
+    beyond
+        (T, 2, 3) radiance of both sides of hidden triangles in which a plane goes on that views show (`Blocks.beyond`);
+        NaN elsewhere.
+    met, black
+        (T,) int64: how many rays have met each triangle so far, and how many of these found nothing known.
     """
 
     def __init__(
@@ -113,8 +115,8 @@ class Lights:
         self.brightest = brightest
         self.mesh, self.hidden = mesh, hidden
         self.environment, self.sun = split(environment)
-        self.goes_on = np.zeros(len(mesh.triangles), bool)
-        self.met = np.zeros(len(mesh.triangles), np.int64)
+        self.beyond = np.full((len(mesh.triangles), 2, 3), np.nan, np.float32)
+        self.met, self.black = np.zeros((2, len(mesh.triangles)), np.int64)
         self.scene = RayScene(mesh)
         self.emitted = np.full((len(mesh.triangles), 3), np.nan)
         self.emitted[found.triangle] = found.radiance
@@ -218,7 +220,13 @@ class Lights:
         met = triangle >= 0
         self.met += np.bincount(triangle[met], minlength=len(self.met))
         radiance = np.zeros((len(origin), 3))
-        surface = np.flatnonzero(met & (~self.hidden | self.goes_on)[triangle])
+        unseen = np.flatnonzero(met & self.hidden[triangle])
+        side = 1 - self.mesh.front(triangle[unseen], -direction[unseen])
+        radiance[unseen] = self.beyond[triangle[unseen], side]
+        unknown = unseen[np.isnan(radiance[unseen, 0])]
+        self.black += np.bincount(triangle[unknown], minlength=len(self.met))
+        radiance[unknown] = 0
+        surface = np.flatnonzero(met & ~self.hidden[triangle])
         normal = self.mesh.normals[triangle[surface]]
         normal = np.where((normal * direction[surface]).sum(axis=1, keepdims=True) > 0, -normal, normal)
         place = origin[surface] + distance[surface, None] * direction[surface]
@@ -302,8 +310,8 @@ def with_patches(blocks: Blocks, patches: Patches, lights: Lights, known: Transp
     small = patches.of_small_parts
     given[:, small] = _given(blocks, patches.only(small, lights.mesh), lights, _TOWARDS, _SMALL_POINTS)
     at_patches, among = _among(patches, lights)
-    # radiosity of unseen surface: what it sends back of seen light, and of its own; what is seen to go on has sent it
-    grey = GREY * patches.mean_of(~lights.goes_on, lights.mesh)[:, None]
+    # radiosity of unseen surface: what it sends back of seen light, and of its own; what is known has sent it already
+    grey = GREY * patches.share_of(lights.black, lights.met)[:, None]
     solved = np.linalg.inv(np.eye(len(among)) - grey * among)
     reflected = solved @ (grey * at_patches)
     return Transport(known.seen + given @ reflected, given @ solved, given, known.open)
@@ -324,7 +332,7 @@ def _by_unseen(blocks: Blocks, patches: Patches, lights: Lights) -> np.ndarray:
     count, rng, result = _RAYS // points, np.random.default_rng(2), np.zeros((rows, len(patches.area)))
     of_patch = _PATCH_POINTS if len(patches.area) <= _FEW_PATCHES else 1
     chunk = max(_PATHS // (points * count), 1)
-    dark = lights.hidden & ~lights.goes_on & (patches.number < 0)
+    dark = lights.hidden & (2 * lights.black >= lights.met) & (patches.number < 0)
     for first in range(0, rows, chunk):
         here = slice(first, first + chunk)
         row = np.repeat(np.arange(rows)[here], points * count)

@@ -239,7 +239,7 @@ def _trial(
     if len(blocks.radiance) < LEAST_BLOCKS:
         return None
     lights = Lights(mesh, hidden_triangles(mesh, shards, found), cache, found, environment, blocks.brightest)
-    lights.goes_on = blocks.go_on(mesh, lights.hidden, cache)
+    lights.beyond = blocks.beyond(mesh, lights.hidden, cache)
     known = seen_light(blocks, lights)
     if not asked and explained(blocks, known):
         return None

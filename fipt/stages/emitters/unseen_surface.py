@@ -137,11 +137,11 @@ class Patches:
         """(P,) bool: patches of this area or more, square metres. A small part is judged as a whole."""
         return self._of_whole(self.area) >= area
 
-    def mean_of(self, values: np.ndarray, mesh: Mesh) -> np.ndarray:
-        """(P,) means of values (T,) of triangles over the area of each patch."""
+    def share_of(self, rays: np.ndarray, met: np.ndarray) -> np.ndarray:
+        """(P,) share of ``rays`` (T,) among all that ``met`` (T,) the triangles of a patch; 1 where none did."""
         own = self.number >= 0
-        area = mesh.areas[own]
-        return np.bincount(self.number[own], values[own] * area, len(self.area)) / self.area
+        chosen, every = (np.bincount(self.number[own], each[own], len(self.area)) for each in (rays, met))
+        return np.where(every > 0, chosen / np.maximum(every, 1), 1.0)
 
     def _of_whole(self, values: np.ndarray) -> np.ndarray:
         """(P,) sums of values (P,) over the small part that a patch is of; of others the patch's own."""

@@ -350,7 +350,7 @@ def guessing(monkeypatch, floor_and_ceiling):
             radiance=np.full((50, 3), radiance),
             triangle=np.arange(50) % 2,
             brightest=radiance,
-            go_on=lambda *_: np.zeros(len(floor_and_ceiling.triangles), bool),
+            beyond=lambda *_: np.full((len(floor_and_ceiling.triangles), 2, 3), np.nan),
         )
         number = np.full(len(floor_and_ceiling.triangles), -1)
         number[-2:] = 0
@@ -361,7 +361,7 @@ def guessing(monkeypatch, floor_and_ceiling):
             "blocks_of": blocks,
             "_square_pixel": 0.0,
             "hidden_triangles": number >= 0,
-            "Lights": SimpleNamespace(mesh=floor_and_ceiling, hidden=number >= 0, met=number >= 0, goes_on=number < 0),
+            "Lights": SimpleNamespace(mesh=floor_and_ceiling, hidden=number >= 0, met=number >= 0),
             "seen_light": known,
             "explained": is_explained,
             "patches_of": patches,
@@ -601,83 +601,138 @@ def test_light_goes_on_from_unseen_surface(backend, np_rng):
     assert (found.unseen - found.straight).mean() == pytest.approx(15 / 16 * found.straight.mean(), rel=0.06)
 
 
-def ceiling_blocks(y, count=20, down=-1.0) -> Blocks:
-    """Seen blocks of a ceiling at a height, from x = 0 to 1, and ten of a floor at 0."""
-    place = np.zeros((count + 10, 1, 3), np.float32)
-    place[:count, 0, 0], place[:count, 0, 1] = np.linspace(0, 1, count), y
-    normal = np.zeros_like(place)
-    normal[:, 0, 1] = np.where(np.arange(count + 10) < count, down, 1)
+def half_a_wall(axis, sign, count=20, off=0.0, radiance=0.3) -> tuple[Mesh, Blocks]:
+    """Two squares of a wall, which faces along an axis from 2 m; blocks of the first, and ten of a floor elsewhere."""
+    across = [k for k in range(3) if k != axis]
+    corners = np.zeros((6, 3))
+    corners[:, across] = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)]
+    corners[:, axis] = 2.0
+    triangles = np.array([(0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4)])
+    normal = np.zeros(3, np.float32)
+    normal[axis] = sign
+    if (Mesh(corners, triangles).normals[0] * normal).sum() < 0:
+        triangles = triangles[:, ::-1].copy()
+    place = np.full((count + 10, 1, 3), -3, np.float32)
+    place[:count, 0, across] = np.column_stack([np.linspace(0, 1, count), np.full(count, 0.5)])
+    place[:count, 0, axis] = 2.0 + off
+    facing = np.tile(np.eye(3, dtype=np.float32)[(axis + 1) % 3], (count + 10, 1, 1))
+    facing[:count] = normal
     none = np.zeros(count + 10, int)
-    return Blocks(place, normal, np.ones((count + 10, 3)), none, none, none)
+    level = np.full((count + 10, 3), 9.0)
+    level[:count] = radiance
+    return Mesh(corners, triangles), Blocks(place, facing, level, none, none, none)
 
 
-@pytest.mark.parametrize(
-    ("blocks", "hidden", "goes_on"),
-    [
-        (ceiling_blocks(2.0), True, True),
-        (ceiling_blocks(2.1), True, True),
-        (ceiling_blocks(2.2), True, False),  # 12.5 cm are a level
-        (ceiling_blocks(2.0, down=1.0), True, False),  # a shelf, seen from above
-        (ceiling_blocks(2.0), False, False),
-    ],
-    ids=["same plane", "rounding of a scan", "another plane", "its other side", "seen"],
-)
-def test_a_plane_goes_on_beyond_what_views_show(floor_and_ceiling, blocks, hidden, goes_on):
-    """Of the panel at a height of 2 m, which faces down; the floor is seen."""
-    of_panel = np.arange(len(floor_and_ceiling.triangles)) >= len(floor_and_ceiling.triangles) - 2
-    found = blocks.go_on(floor_and_ceiling, of_panel & hidden, {"side": np.array(SIDE)})
-    np.testing.assert_array_equal(found, of_panel & goes_on)
+HALF = np.array([False, False, True, True])
+BOX = {"side": np.array(SIDE)}
 
 
-def test_a_small_face_is_no_plane_that_goes_on(floor_and_ceiling):
+@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_plane_goes_on_beyond_what_views_show(axis, sign, turned):
+    """By the side that faces the room, however it is wound."""
+    mesh, blocks = half_a_wall(axis, sign)
+    if turned:
+        mesh = Mesh(mesh.vertices, mesh.triangles[:, ::-1].copy())
+    found = blocks.beyond(mesh, HALF, BOX)
+    np.testing.assert_allclose(found[HALF, int(turned)], 0.3, rtol=1e-5)
+    assert np.isnan(found[HALF, 1 - int(turned)]).all()
+    assert np.isnan(found[~HALF]).all(), "these are seen"
+
+
+@pytest.mark.parametrize(("off", "goes_on"), [(0.1, True), (-0.1, True), (0.15, False), (-0.15, False)])
+def test_a_plane_is_as_thick_as_those_of_blocks(off, goes_on):
+    mesh, blocks = half_a_wall(1, -1, off=off)  # an eighth of a metre
+    assert np.isfinite(blocks.beyond(mesh, HALF, BOX)[2:, 0]).all() == goes_on
+
+
+def test_a_small_face_is_no_plane_that_goes_on():
     """Three of 310 blocks are less than a hundredth, four are not."""
-    hidden = np.arange(len(floor_and_ceiling.triangles)) >= len(floor_and_ceiling.triangles) - 2
-    many = ceiling_blocks(1.0, 300)
     for count in (3, 4):
-        many.position[:count, 0, 1] = 2.0
-        assert many.go_on(floor_and_ceiling, hidden, {"side": np.array(SIDE)}).any() == (count == 4)
+        mesh, blocks = half_a_wall(1, -1, 300)
+        blocks.position[count:300, 0, 1] = 1.0
+        assert np.isfinite(blocks.beyond(mesh, HALF, BOX)[2:, 0]).all() == (count == 4)
+
+
+def test_a_part_of_its_own_is_no_plane_that_goes_on():
+    mesh, blocks = half_a_wall(1, -1)
+    apart = scenes.joined(
+        Mesh(mesh.vertices, mesh.triangles[:2]), Mesh(mesh.vertices + np.array([2, 0, 0]), mesh.triangles[:2])
+    )
+    assert np.isnan(blocks.beyond(apart, HALF, BOX)).all()
+
+
+def test_a_plane_is_as_bright_as_it_is_nearby():
+    """Brighter towards the unseen half; a wall that is nearer, and brighter still, is none of it."""
+    mesh, blocks = half_a_wall(1, -1, 100)
+    blocks.radiance[:100] = np.linspace(0.1, 0.2, 100)[:, None]
+    blocks.position[100:, 0] = (1.2, 1.9, 0.5)
+    found = blocks.beyond(mesh, HALF, BOX)[2:, 0]
+    np.testing.assert_allclose(found, np.exp(np.log(blocks.radiance[96:100]).mean(axis=0)) * [[1], [1]], rtol=1e-5)
 
 
 def test_what_goes_on_is_as_bright_as_what_is_seen_of_it(floor_and_ceiling, np_rng):
     """Of the cosine lobe 7.3 % meet the panel. It counts once: it does not reflect what arrives there as well."""
     _, hidden, _ = lights(floor_and_ceiling, floor_samples(np_rng, 4000))
-    x, z = (c.ravel() for c in np.meshgrid(*[np.linspace(-3.99, 3.99, 160)] * 2))
-    surface = np.float32([np.column_stack([x, np.full(x.size, y), z]) for y in (0, 2)]).reshape(-1, 3)
-    facing = np.repeat(np.float32([[0, 1, 0], [0, -1, 0]]), x.size, axis=0)
-    own = Lights(floor_and_ceiling, hidden, cache_of(surface, facing, 0.4), Emitters.none(), NOTHING)
-    below, up = np.zeros((64, 4, 3), np.float32), np.tile(np.float32([0, 1, 0]), (64, 4, 1))
+    panel = np.arange(len(hidden)) >= len(hidden) - 2
+    place, up = np.zeros((64, 4, 3), np.float32), np.tile(np.float32([0, 1, 0]), (64, 4, 1))
     none = np.zeros(64, int)
-    blocks = Blocks(below, up, np.ones((64, 3)), none, none, none)
-    patches = all_patches(floor_and_ceiling, hidden & (np.arange(len(hidden)) >= len(hidden) - 2))
-    black = seen_light(blocks, own)
-    np.testing.assert_allclose(black.seen, 0)
-    grey = with_patches(blocks, patches, own, black).seen  # the floor fills most of what the panel faces
-    assert (grey > 0.3 * 0.4 * 0.0735).all()
-    assert (grey < 0.5 * 0.4 * 0.08).all()
-    own.goes_on = hidden
-    measured = seen_light(blocks, own)
-    assert measured.seen.mean() == pytest.approx(0.4 * 0.0735, rel=0.05)
-    found = with_patches(blocks, patches, own, measured)
-    np.testing.assert_allclose(found.seen, measured.seen)
-    np.testing.assert_allclose(found.unseen, found.straight)
+    blocks = Blocks(place, up, np.ones((64, 3)), none, none, none)
+    patches, found = all_patches(floor_and_ceiling, hidden & panel), {}
+    for side in (0, 1, None):
+        _, _, own = lights(floor_and_ceiling, floor_samples(np_rng, 4000))
+        if side is not None:
+            own.beyond[panel, side] = 0.6
+        found[side] = with_patches(blocks, patches, own, seen_light(blocks, own))
+    front = int(floor_and_ceiling.normals[-1, 1] > 0)  # the side that faces the floor
+    assert found[front].seen.mean() == pytest.approx(0.6 * 0.0735, rel=0.05)
+    np.testing.assert_allclose(found[front].unseen, found[front].straight)
+    # grey, and above a floor of 0.4 that fills most of what it faces
+    assert 0.3 * 0.4 * 0.0735 < found[None].seen.mean() < 0.5 * 0.4 * 0.08
+    assert found[1 - front].seen.mean() == pytest.approx(found[None].seen.mean(), rel=0.1)
+
+
+def test_light_goes_on_only_from_surface_that_is_not_known(backend, np_rng):
+    """In the closed box each bounce halves the light; where rays find its walls known, these have sent it already."""
+    mesh = scenes.joined(scenes.box((-1, 0, -1), (1, 2, 1)), scenes.emitter_quad((-0.1, 0.1), 1.0, (-0.1, 0.1)))
+    _, hidden, own = lights(mesh, scenes.samples_of(np.float32([[9, 9, 9]] * 4), 0, views=("a",), shapes=[(1, 4)]))
+    own.hidden, own.met[:] = np.ones(len(hidden), bool), 3
+    patches = all_patches(mesh, np.arange(14) >= 12)
+    place, normal = np.zeros((30, 4, 3), np.float32), np.tile(np.float32([0, 1, 0]), (30, 4, 1))
+    none = np.zeros(30)
+    blocks = Blocks(place, normal, np.ones((30, 3)), none, none, none)
+    known = Transport(np.zeros((30, 3)), np.zeros((30, 1)), np.zeros((30, 1)), none)
+    for black, sends in ((3, True), (2, True), (1, False)):
+        own.black[:] = black
+        found = with_more_rays(blocks, patches, own, known)
+        assert (found.unseen > found.straight).any() == sends
 
 
 def test_light_is_measured_with_the_planes_that_go_on(backend, np_rng, monkeypatch):
     """A ceiling of 2 m2, of which views show one half."""
-    mesh = scenes.joined(scenes.floor(), *(scenes.emitter_quad((x, x + 1), 2.0, (-0.5, 0.5)) for x in (0, 1)))
+    ceiling, _ = half_a_wall(1, -1)
+    mesh = scenes.joined(scenes.floor(), Mesh(ceiling.vertices - np.array([0, 0, 0.5]), ceiling.triangles))
     below = floor_samples(np_rng)
     above = np.insert(np_rng.uniform((0, -0.5), (1, 0.5), (400, 2)), 1, 2.0, axis=1)
     position = np.float32(np.concatenate([below.position, above]))
-    triangle = np.concatenate([below.triangle, np.where(above[:, 0] < above[:, 2] + 0.5, 2, 3)])
+    triangle = np.concatenate([below.triangle, np.where(above[:, 0] > above[:, 2] + 0.5, 2, 3)])
     normal = np.float32(np.where(triangle[:, None] < 2, [0, 1, 0], [0, -1, 0]))
     samples = scenes.samples_of(position, triangle, normal=normal)
     shards = scenes.observed([samples], [np.zeros((800, 1, 3))], [(np.full((800, 3), 0.2), np.ones(800, np.float32))])
-    measured = []
-    monkeypatch.setattr(unseen_guess, "seen_light", lambda blocks, own: measured.append(own) or seen_light(blocks, own))
+    known = []
+
+    def measured(blocks, own):
+        known.append((own.hidden.copy(), own.beyond.copy()))
+        return seen_light(blocks, own)
+
+    monkeypatch.setattr(unseen_guess, "seen_light", measured)
     none = np.zeros(len(mesh.triangles), bool)
     arguments = (mesh, shards, Emitters.none(), cache_of(position, normal, 0.2), NOTHING, none, np.full(len(none), -1))
     unseen_guess._trial(*arguments)
-    np.testing.assert_array_equal(np.flatnonzero(measured[0].hidden & measured[0].goes_on), [4, 5])
+    hidden, beyond = known[0]
+    np.testing.assert_array_equal(np.flatnonzero(hidden), [4, 5])
+    np.testing.assert_allclose(beyond[4:, 0], 0.2, rtol=1e-5)
 
 
 def test_a_pane_is_found_as_a_whole(np_rng):
