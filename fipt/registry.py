@@ -49,7 +49,7 @@ SECTIONS: dict[str, Section] = {
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 11),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 41),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 23),
-    "fit": Section("fipt.stages.fit.settings:FitSettings", 24),
+    "fit": Section("fipt.stages.fit.settings:FitSettings", 25),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 2),
     "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 2),
     "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 4),

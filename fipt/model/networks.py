@@ -187,7 +187,7 @@ class BrdfNetwork(nn.Module):
     def __init__(self, settings: NetworkSettings, backend: Backend = "auto", width: int = 64) -> None:
         super().__init__()
         generator = torch.Generator().manual_seed(settings.seed + 1)
-        self.encoding = None
+        self.encoding, self.whitest = None, settings.whitest
         if settings.encoding == "positional":
             positional = PositionalMlp(5, generator)
             self.mlp, last = nn.Sequential(positional, _Sigmoid()), positional.output
@@ -212,8 +212,9 @@ class BrdfNetwork(nn.Module):
         """Reflectance at points (N, 3) in [0, 1], seen through footprints (N,) in box sides, which hash grids mind."""
         encoded = 2 * points - 1 if self.encoding is None else self.encoding(points, footprint)
         output = self.mlp(encoded)
-        roughness = ROUGHNESS_MIN + (1 - ROUGHNESS_MIN) * output[:, 3]
-        return Brdf(output[:, :3], roughness, output[:, 4])
+        roughness, metallic = ROUGHNESS_MIN + (1 - ROUGHNESS_MIN) * output[:, 3], output[:, 4]
+        white = torch.lerp(torch.full_like(metallic, self.whitest), torch.ones_like(metallic), metallic.detach())
+        return Brdf(white[:, None] * output[:, :3], roughness, metallic)
 
 
 class EmissionNetwork(PositionalMlp):

@@ -21,4 +21,7 @@ class NetworkSettings(Settings):
         default=0.5, description="size of a query in pixel footprints; finer levels fade; 0 = points"
     )
     start_rough: bool = Field(default=True, description="start rough and not metallic instead of in the middle")
+    whitest: float = Field(
+        default=0.9, ge=0.5, le=1, description="highest base colour of what is no metal: no paint reflects more"
+    )
     seed: Count = Field(default=0, description="seed of the random numbers")

@@ -51,7 +51,7 @@ def run(inputs: InverseTraceInputs, settings: "InverseTraceSettings") -> dict[st
     if settings.field:
         center, side = scene_box(shards)
         box = SceneBox((center[0], center[1], center[2]), side)
-        field = Field(NetworkSettings(seed=settings.seed), box, mask=False)
+        field = Field(NetworkSettings(seed=settings.seed, whitest=1), box, mask=False)
     texels = SurfaceTexels.of(room, groups.of_triangle, settings.texels) if settings.texels else None
     scene = ReplayScene(room, groups.of_triangle, settings.max_depth, None if texels is None else texels.rows)
     if field is not None and texels is not None:

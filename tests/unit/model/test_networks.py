@@ -36,6 +36,20 @@ def test_brdf_shapes_and_ranges():
         assert values.max() <= 1
 
 
+@pytest.mark.parametrize("whitest", [0.9, 1.0])
+def test_no_paint_is_whiter_than_white_but_metal_is(whitest):
+    network = BrdfNetwork(SETTINGS.model_copy(update={"whitest": whitest}))
+    last = [layer for layer in network.mlp if hasattr(layer, "bias")][-1]
+    with torch.no_grad():
+        last.bias[:3] = 50.0
+        for metallic in (-50.0, 50.0):
+            last.bias[4] = metallic
+            brdf = network(unit_points(10))
+            torch.testing.assert_close(brdf.base_color, torch.full((10, 3), whitest if metallic < 0 else 1.0))
+    gradient = torch.autograd.grad(network(unit_points(10)).base_color.sum(), last.bias)[0]
+    assert gradient[4] == 0, "no surface becomes metal to be whiter"
+
+
 def test_a_field_is_where_rays_are_traced(monkeypatch):
     monkeypatch.setattr(networks, "active_device", lambda: "meta")
     field = Field(SETTINGS, BOX)

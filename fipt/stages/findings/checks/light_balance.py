@@ -31,8 +31,8 @@ _MISSING = (
     "Look for light that no view shows (photograph the whole ceiling and every window), for holes of the mesh, and for "
     "surface inside the mesh that hides a lamp."
 )
-_WHITE = 0.9
-"""Base colour above which surface is whiter than paint is."""
+_WHITE = 0.88
+"""Base colour above which surface is as white as paint can be (`fit.whitest`), or whiter."""
 _DARK_COLORS = (
     "Run more rounds (raise rounds in the configuration): base colours follow the light of the emitters. If it stays, "
     "look for surface that no view shows, whose colour is a guess, and photograph it."

@@ -108,7 +108,7 @@ def test_known_materials_come_back(one_thread, tmp_path):
 
 def test_an_emitter_opens_the_mask_and_nothing_else(one_thread, tmp_path):
     pixels, position, (base, *_), lit = scene(emitter=True)
-    settings = SETTINGS.model_copy(update={"steps": 300, "emission_weight": 0.05})
+    settings = SETTINGS.model_copy(update={"steps": 300, "emission_weight": 0.05, "whitest": 1})  # as preset `paper`
     field = Field(settings, BOX, mask=True)
     loop.fit(field, pixels, Objective(settings, "part"), tmp_path / "c.safetensors")
     mask = field.query_mask(position)

@@ -11,7 +11,7 @@ from fipt.model.settings import NetworkSettings
 from fipt.stages.inverse_trace.field import FieldOptimiser
 from fipt.stages.inverse_trace.settings import InverseTraceSettings
 
-SMALL = NetworkSettings(levels=6, table_log2=10)
+SMALL = NetworkSettings(levels=6, table_log2=10, whitest=1)
 
 
 def test_networks_learn_what_their_gradients_say(backend):
