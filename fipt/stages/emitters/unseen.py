@@ -129,10 +129,13 @@ class Lights:
         self._chance[found.triangle] = power / np.maximum(power.sum() * found.area, 1e-12)
         self._seen = SeenRadiance(cache)
 
-    def arriving(self, position: np.ndarray, normal: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    def arriving(
+        self, position: np.ndarray, normal: np.ndarray, count: int, noted: bool = True
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Integrate what arrives at points by ``count`` cosine-distributed rays each, and by rays to emitters and sun.
 
-        Both kinds find emitters; the balance heuristic (Veach and Guibas 1995) weighs them.
+        Both kinds find emitters; the balance heuristic (Veach and Guibas 1995) weighs them. Where they are ``noted``,
+        `met` and `black` count those of the lobe.
 
         Returns
         -------
@@ -151,7 +154,7 @@ class Lights:
             direction = even_cosine_directions(n, np.tile(np.arange(count), here), shift)
             origin = p + self.scene.epsilon * n
             distance, triangle = self.scene.intersect(origin, direction)
-            radiance, leaves = self._found(origin, direction, distance, triangle)
+            radiance, leaves = self._found(origin, direction, distance, triangle, noted)
             cos = np.maximum((direction * n).sum(axis=1), 0)
             radiance *= (count / (count + aimed * self._odds(direction, cos, distance, triangle)))[:, None]
             for c in range(3):
@@ -214,29 +217,33 @@ class Lights:
         return free * self._odds(direction, cos, distance, chosen), self._emitted(chosen, -direction)
 
     def _found(
-        self, origin: np.ndarray, direction: np.ndarray, distance: np.ndarray, triangle: np.ndarray
+        self, origin: np.ndarray, direction: np.ndarray, distance: np.ndarray, triangle: np.ndarray, noted: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         """Radiance of each ray (0 where it is not known), and whether it is lost outside."""
         met = triangle >= 0
-        self.met += np.bincount(triangle[met], minlength=len(self.met))
         radiance = np.zeros((len(origin), 3))
         unseen = np.flatnonzero(met & self.hidden[triangle])
         side = 1 - self.mesh.front(triangle[unseen], -direction[unseen])
-        radiance[unseen] = self.beyond[triangle[unseen], side]
+        radiance[unseen] = self._as_surface(self.beyond[triangle[unseen], side])
         unknown = unseen[np.isnan(radiance[unseen, 0])]
-        self.black += np.bincount(triangle[unknown], minlength=len(self.met))
         radiance[unknown] = 0
+        if noted:
+            self.met += np.bincount(triangle[met], minlength=len(self.met))
+            self.black += np.bincount(triangle[unknown], minlength=len(self.met))
         surface = np.flatnonzero(met & ~self.hidden[triangle])
         normal = self.mesh.normals[triangle[surface]]
         normal = np.where((normal * direction[surface]).sum(axis=1, keepdims=True) > 0, -normal, normal)
         place = origin[surface] + distance[surface, None] * direction[surface]
         own = self._emitted(triangle[surface], -direction[surface])
-        measured = self._seen.at(place, normal)
-        measured *= np.minimum(self.brightest / np.maximum(measured.mean(axis=1, keepdims=True), 1e-12), 1)
+        measured = self._as_surface(self._seen.at(place, normal))
         radiance[surface] = np.where(np.isnan(own), measured, own)
         if self.environment.known:
             radiance[~met] = self.environment.lookup(direction[~met])
         return radiance, ~met & (not self.environment.known)
+
+    def _as_surface(self, radiance: np.ndarray) -> np.ndarray:
+        """Radiance (N, 3) that is no brighter than `brightest`."""
+        return radiance * np.minimum(self.brightest / np.maximum(radiance.mean(axis=1, keepdims=True), 1e-12), 1)
 
     def _emitted(self, triangle: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """(N, 3) radiance that triangles (N,) emit along directions (N, 3); NaN where they are of no emitter."""
@@ -370,7 +377,7 @@ def _among(patches: Patches, lights: Lights) -> tuple[np.ndarray, np.ndarray]:
     sides = []
     for turn in (1, -1):
         flat = points.reshape(-1, 3), (turn * normals).reshape(-1, 3).astype(np.float32)
-        known, _ = lights.arriving(*flat, 64)
+        known, _ = lights.arriving(*flat, 64, noted=False)
         given = lights.given(patches, *flat)
         sides.append((known.reshape(count, per, 3).mean(axis=1), given.reshape(count, per, count).mean(axis=1)))
     better = sides[0][0].mean(axis=1) >= sides[1][0].mean(axis=1)

@@ -46,5 +46,6 @@ def part_targets(found: PartEstimates, settings: FitSettings) -> PartTargets:
     """
     weight = settings.target_weight * (1 + _TRUST * np.maximum(found.gain, 0))
     weight[0] = settings.diffuse_weight
-    goals = (found.roughness, found.metallic, weight, found.base_color, found.uniform)
+    white = settings.whitest + (1 - settings.whitest) * found.metallic[:, None]  # the network says no more
+    goals = (found.roughness, found.metallic, weight, np.minimum(found.base_color, white), found.uniform)
     return PartTargets(*(torch.from_numpy(values.astype(np.float32)) for values in goals))

@@ -46,8 +46,10 @@ def test_no_paint_is_whiter_than_white_but_metal_is(whitest):
             last.bias[4] = metallic
             brdf = network(unit_points(10))
             torch.testing.assert_close(brdf.base_color, torch.full((10, 3), whitest if metallic < 0 else 1.0))
+        last.bias[:] = 0
     gradient = torch.autograd.grad(network(unit_points(10)).base_color.sum(), last.bias)[0]
     assert gradient[4] == 0, "no surface becomes metal to be whiter"
+    assert (gradient[:3] > 0).all()
 
 
 def test_a_field_is_where_rays_are_traced(monkeypatch):

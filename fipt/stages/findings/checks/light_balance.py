@@ -31,8 +31,8 @@ _MISSING = (
     "Look for light that no view shows (photograph the whole ceiling and every window), for holes of the mesh, and for "
     "surface inside the mesh that hides a lamp."
 )
-_WHITE = 0.88
-"""Base colour above which surface is as white as paint can be (`fit.whitest`), or whiter."""
+_WHITE = 0.87
+"""Brightest channel of a base colour above which surface is about as white as paint can be (0.9, `fit.whitest`)."""
 _DARK_COLORS = (
     "Run more rounds (raise rounds in the configuration): base colours follow the light of the emitters. If it stays, "
     "look for surface that no view shows, whose colour is a guess, and photograph it."
@@ -96,7 +96,7 @@ def _white_share(room: JudgedRoom) -> float:
     """Share of the pixels that one piece of surface fills whose base colour is near white, or who are brighter."""
     pixels = room.explained
     chosen = pixels.use & ~pixels.emits & ~pixels.mixed
-    over = (pixels.base_color.mean(axis=1) > _WHITE) | (pixels.photo.mean(axis=1) > (1 + TOLERANCE) * pixels.brightest)
+    over = (pixels.base_color.max(axis=1) > _WHITE) | (pixels.photo.mean(axis=1) > (1 + TOLERANCE) * pixels.brightest)
     return float(over[chosen].mean()) if chosen.any() else 0.0
 
 

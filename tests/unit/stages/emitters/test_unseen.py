@@ -691,6 +691,12 @@ def test_what_goes_on_is_as_bright_as_what_is_seen_of_it(floor_and_ceiling, np_r
     # grey, and above a floor of 0.4 that fills most of what it faces
     assert 0.3 * 0.4 * 0.0735 < found[None].seen.mean() < 0.5 * 0.4 * 0.08
     assert found[1 - front].seen.mean() == pytest.approx(found[None].seen.mean(), rel=0.1)
+    own.beyond[panel, front] = 0.6
+    own.brightest = 0.2
+    cut = seen_light(blocks, own)
+    assert cut.seen.mean() == pytest.approx(0.2 * 0.0735, rel=0.05), "a block beside a lamp holds pixels of it"
+    first, second = (with_patches(blocks, patches, own, cut).seen for _ in range(2))
+    np.testing.assert_array_equal(first, second)
 
 
 def test_light_goes_on_only_from_surface_that_is_not_known(backend, np_rng):

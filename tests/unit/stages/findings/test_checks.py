@@ -122,7 +122,7 @@ def test_a_lamp_is_missing_only_where_colours_are_near_white():
     assert "base colours are too dark" in dark.cause
     assert "more rounds" in dark.remedy
     pixels = judged.pixels()
-    white = replace(pixels, base_color=np.full_like(pixels.base_color, 0.97))
+    white = replace(pixels, base_color=np.full_like(pixels.base_color, 0.89))
     missing = told(light_balance.check, retakes=retakes, explained=white)["light-balance"]
     assert "ceiling" in missing.remedy
     over = replace(pixels, brightest=np.full(len(pixels), 0.4))

@@ -140,6 +140,18 @@ def test_the_weight_of_a_part_grows_with_evidence(np_rng):
     np.testing.assert_array_equal(targets.base_color, parts.base_color)
 
 
+def test_no_goal_is_whiter_than_the_network_can_be(np_rng):
+    """The second, with missing light, is too bright; metal may be that."""
+    settings = FitSettings()
+    parts = found(
+        pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0), ((0.97, 0.97, 0.4), 1.0, 0.0), ((0.97, 0.6, 0.4), 0.3, 1.0)])
+    )
+    assert parts.base_color[2].max() > 0.94
+    goals = part_targets(parts, settings).base_color
+    np.testing.assert_allclose(goals[2, :2], 0.9, atol=1e-6)
+    np.testing.assert_array_equal(goals[[1, 3]], parts.base_color[[1, 3]])
+
+
 def test_emitters_do_not_count(np_rng):
     """Pixels brighter than any reflection say nothing about a part's reflectance."""
     data = pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0)])
