@@ -34,7 +34,7 @@ _PLANES = 64
 _LARGE = 0.01
 """Share of all blocks that a plane has which goes on where no view looks: a wall, not the side of a drawer."""
 _BESIDE = 4
-"""Blocks whose mean tells how bright a plane is where it goes on."""
+"""Nearest blocks whose mean tells how bright a plane is where it goes on."""
 _SCANNED = 0.25
 """Share of all samples that a part has only if it is no single thing."""
 _LEAST_PIXELS = 4
@@ -80,11 +80,8 @@ class Blocks:
         first side is the one to which the normal points. ``box`` has the ``side`` of the scene box (cache.npz).
         """
         result = np.full((len(mesh.triangles), 2, 3), np.nan, np.float32)
-        asked, part, depth = (
-            np.flatnonzero(hidden & (mesh.areas > 0)),
-            connected_parts(mesh),
-            float(box["side"]) / _PLANES,
-        )
+        asked, part = np.flatnonzero(hidden & (mesh.areas > 0)), connected_parts(mesh)
+        depth = float(box["side"]) / _PLANES
         way, center = facings(mesh.normals[asked]), mesh.corners[asked].mean(axis=1)
         own = np.column_stack([part[self.triangle], facings(self.normal[:, 0])])
         surfaces, count = np.unique(own, axis=0, return_counts=True)

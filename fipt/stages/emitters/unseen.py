@@ -219,7 +219,7 @@ class Lights:
     def _found(
         self, origin: np.ndarray, direction: np.ndarray, distance: np.ndarray, triangle: np.ndarray, noted: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Radiance of each ray (0 where it is not known), and whether it is lost outside."""
+        """(N, 3) radiance of each ray, 0 where it is not known, and whether it is lost outside. Counts if ``noted``."""
         met = triangle >= 0
         radiance = np.zeros((len(origin), 3))
         unseen = np.flatnonzero(met & self.hidden[triangle])
@@ -368,7 +368,7 @@ def _given(blocks: Blocks, patches: Patches, lights: Lights, places: int, points
 
 
 def _among(patches: Patches, lights: Lights) -> tuple[np.ndarray, np.ndarray]:
-    """What arrives at the patches: (P, 3) of seen surface, and (P, P) for each unit of radiance of another patch.
+    """What arrives at the patches: (P, 3) of what is known, and (P, P) for each unit of radiance of another patch.
 
     A patch faces to where light can come from: of its two sides the one that sees more of the seen surface.
     """
