@@ -47,7 +47,7 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 8),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 6),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 11),
-    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 42),
+    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 43),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 23),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 25),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 2),

@@ -101,6 +101,11 @@ class Blocks:
         return result
 
     @property
+    def white(self) -> float:
+        """Mean radiance of white surface under the light of the room, if surface is as bright as in most rooms."""
+        return float(np.median(self.radiance.mean(axis=1)) / np.exp(MIDDLE))
+
+    @property
     def brightest(self) -> float:
         """Mean radiance of the brightest of them that shows no lamp: pixels beside lamps hold some of their light."""
         return float(np.quantile(self.radiance.mean(axis=1), _REFLECTING, method="lower"))

@@ -17,8 +17,8 @@ class Problem:
     """N blocks in G groups, P patches, K clusters of emitters the size of which is not sure; one channel.
 
     ``log_color`` (N,), ``seen`` (N,), ``unseen`` (N, P), ``group`` (N,), ``sigma``, ``tau``; ``clusters`` (N, K) what
-    of the seen light comes straight from each, ``unsure`` (K,) their relative standard deviation beforehand. The
-    patches are the best of so many ``choices``.
+    of the seen light comes straight from each, ``unsure`` (K,) their relative standard deviation beforehand.
+    ``odds`` (P,) are the logarithms of those against each patch.
     """
 
     log_color: np.ndarray
@@ -29,7 +29,7 @@ class Problem:
     tau: float = 1.0
     clusters: np.ndarray | None = None
     unsure: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    choices: int = 1
+    odds: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def groups(self) -> int:

@@ -46,6 +46,7 @@ class EmittersInputs:
     environment: EnvironmentFile = None
     settled: SettledFile = None
     previous: Annotated[Path | None, "Emitters of the round before, which stay where the loop has settled."] = None
+    model_before: Annotated[Path | None, "Fitted model of the round before: it tells what is a mirror."] = None
 
 
 def run(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
@@ -153,16 +154,23 @@ def _guessed(
     """Emitters with what no view shows, warnings and figures about it."""
     import numpy as np
 
+    from fipt.model.store import load_model
     from fipt.scene.change import read_change
+    from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import read_emitters
     from fipt.scene.environment import read_environment
     from fipt.scene.voxels import read_cache
     from fipt.stages.emitters.clusters import with_what_they_light
     from fipt.stages.emitters.emitter_copies import copied
+    from fipt.stages.emitters.mirrors import shown_by_mirrors
     from fipt.stages.emitters.unseen_guess import with_guess
 
     assert inputs.cache is not None
     rejected, accepted = (_named(texts, len(mesh.triangles)) for texts in (decided.reject, decided.accept))
+    at_most = np.full(len(mesh.triangles), np.inf)
+    if inputs.model_before is not None:
+        at_most = shown_by_mirrors(mesh, Dataset(inputs.dataset), shards, load_model(inputs.model_before))
+    at_most[rejected] = 0
     outside = read_environment(inputs.environment)
     before, raised = np.full(len(mesh.triangles), -1), np.zeros(len(mesh.triangles), bool)
     if inputs.previous is not None:
@@ -174,8 +182,12 @@ def _guessed(
     asked = change is not None and change.light_missing
     cache = read_cache(inputs.cache)
     found, brighter = with_what_they_light(mesh, shards, extracted, cache, outside, raised, accepted)
-    guessed = with_guess(mesh, shards, replace(extracted, emitters=found), cache, outside, rejected, before, asked)
-    figures = {"raised": len(np.unique(found.emitter[found.raised > 0])), **guessed.figures}
+    guessed = with_guess(mesh, shards, replace(extracted, emitters=found), cache, outside, at_most, before, asked)
+    figures = {
+        "raised": len(np.unique(found.emitter[found.raised > 0])),
+        "mirrored": float(mesh.areas[np.isfinite(at_most) & ~rejected].sum()),
+        **guessed.figures,
+    }
     return guessed.emitters, (*brighter, *guessed.warnings), figures
 
 

@@ -6,15 +6,16 @@ E = E_seen + T e (`fipt.stages.emitters.unseen`). What is minimised, in logarith
     (1 / tau) sum_i student((ln C_i - ln rho_g - ln E_i) / sigma) + prior of the reflectances
 
 over e >= 0 and ln rho. Patches are added one by one, the best first, as long as the gain pays for them: each costs
-ln(P sqrt(N / tau)), the extended Bayesian information criterion (Chen and Chen 2008), P being the number of patches to
-choose from. sigma is measured: the spread of what is left. tau says how many neighbouring blocks err alike, so that
-N / tau of them count; it is measured, too. Rooms whose shading is merely 5 to 15 % off therefore have no guess.
+ln(sqrt(N / tau) / p), the extended Bayesian information criterion (Chen and Chen 2008), p being how likely it was
+beforehand: half of that is the same for all patches to choose from, half goes by their area. sigma is measured: the
+spread of what is left. tau says how many neighbouring blocks err alike, so that N / tau of them count; it is measured,
+too. Rooms whose shading is merely 5 to 15 % off therefore have no guess.
 
 With no emitter in any view the scale of the light hangs on what seen surface gives to seen surface, which is measured,
 and on the prior of the reflectances.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -46,8 +47,41 @@ With `_ERROR` it says that without other evidence less than 30 % of the light is
 """
 _TRIED = 16
 """Patches that are tried at several brightnesses before one is added."""
+_NEVER = 1e6
+"""Nats that no patch could make up for: those that can only add to the cost come last."""
 _AMPLITUDES = np.geomspace(0.02, 50, 14)
 """Of one patch's share, relative to the light that there is."""
+
+
+@dataclass(frozen=True)
+class SearchSpace:
+    """Where a guess was searched.
+
+    Attributes
+    ----------
+    choices
+        Among how many patches and joins of patches.
+    area
+        Of all of them, square metres.
+    """
+
+    choices: int = 1
+    area: float = 0.0
+
+    def with_patches(self, patches: Patches, choices: int) -> "SearchSpace":
+        """The larger of this and the space of some patches that are, alone or joined, so many ``choices``."""
+        return SearchSpace(max(self.choices, choices), max(self.area, float(patches.area.sum())))
+
+    def odds(self, patches: Patches, members: np.ndarray) -> np.ndarray:
+        """(Q,) logarithms of the odds against candidates of which ``members`` (P, Q) has the patches.
+
+        Half of the odds are as likely for any candidate, and half go by area: a lamp may be anywhere, so that a large
+        patch holds it rather than a scrap. A small part is a thing of its own, however large.
+        """
+        any_ = 1 / self.choices
+        of_parts = (members * ~patches.of_small_parts[:, None]).sum(axis=0) == 0
+        by_area = np.where(of_parts, any_, patches.area @ members / max(self.area, 1e-12))
+        return -np.log(0.5 * any_ + 0.5 * by_area)
 
 
 @dataclass(frozen=True)
@@ -70,8 +104,8 @@ class Guess:
         Whether the guess is to be used.
     errors
         sigma (relative error of a block's light) and tau (blocks that err alike) of what is left.
-    choices
-        Among how many patches and joins of patches it was searched.
+    space
+        Where it was searched.
     """
 
     radiance: np.ndarray
@@ -82,7 +116,7 @@ class Guess:
     before: float = 0.0
     determined: bool = False
     errors: tuple[float, float] = (0.15, 1.0)
-    choices: int = 1
+    space: SearchSpace = field(default_factory=SearchSpace)
 
     @property
     def even_before(self) -> bool:
@@ -135,14 +169,14 @@ def explain(
     transport: Transport,
     asked: bool = False,
     start: Start | None = None,
-    choices: int = 1,
+    space: SearchSpace | None = None,
 ) -> Guess:
     """Find the emission of unseen patches that explains the radiance of the blocks best, if any does.
 
     Light may be local if ``asked``: something else says that light is missing. Then light is wrong by `_ERROR` from
     place to place. Else it may be so as a whole, and a guess must matter in half of the room. Without ``start``
-    the search begins with nothing, and measures its errors. Patches that were found among more ``choices`` than there
-    are now pay for all of that search.
+    the search begins with nothing, and measures its errors. Patches that were found in a larger ``space`` than they are
+    now pay for all of that search.
     """
     nothing = Guess(np.zeros((len(patches.area), 3)))
     light = transport.seen.mean(axis=1)
@@ -155,8 +189,8 @@ def explain(
     floor = 1e-3 * max(float(np.median(light[use])), 1e-9)
     given = transport.unseen[use] @ members
     log_color = np.log(blocks.radiance[use].mean(axis=1))
-    choices = max(choices, given.shape[1])
-    problem = Problem(log_color, np.maximum(light[use], floor), given, group, choices=choices)
+    space = (space or SearchSpace()).with_patches(patches, given.shape[1])
+    problem = Problem(log_color, np.maximum(light[use], floor), given, group, odds=space.odds(patches, members))
     if start is None:
         before, after, problem = searched(problem, blocks.position[use, 0])
     else:
@@ -168,7 +202,7 @@ def explain(
     gain = before.cost - _criterion(after, problem) if after.support else 0.0
     if not after.support or gain <= 0:
         left = before.scale(problem)
-        return replace(nothing, gain=float(min(gain, 0.0)), left=left, before=left, choices=choices)
+        return replace(nothing, gain=float(min(gain, 0.0)), left=left, before=left, space=space)
     chosen = members[:, list(after.support)]
     whole = chosen @ after.radiance
     share = float(np.median(1 - problem.seen / after.light(problem)))
@@ -187,7 +221,7 @@ def explain(
         before=before.scale(problem),
         determined=bool(spread < _UNSURE and after.middle >= _darkest(before)),
         errors=(problem.sigma, problem.tau),
-        choices=choices,
+        space=space,
     )
 
 
@@ -213,7 +247,7 @@ def witnessed(guess: Guess, blocks: Blocks, patches: Patches, transport: Transpo
     for k in np.unique(group[asks]):
         factor[group == k] = np.exp(MIDDLE - np.median(level[group == k]))
     usual = replace(blocks, group=group, radiance=blocks.radiance * factor[:, None])
-    found = explain(usual, patches, transport, True, Start.of_all(patches, guess), guess.choices)
+    found = explain(usual, patches, transport, True, Start.of_all(patches, guess), guess.space)
     return guess if found.determined else found
 
 
@@ -267,7 +301,8 @@ def _without_local_errors(problem: Problem, state: Minimum) -> Minimum:
         gains = [each.cost_of_blocks(problem) - state.cost_of_blocks(problem) for each in fewer]
         most = np.array([np.maximum(np.sort(gain)[-alike:], 0).sum() for gain in gains])
         worth = np.array([each.cost for each in fewer]) - state.cost - most
-        if worth.min() >= _price(problem):
+        worth -= _prices(problem)[list(state.support)]
+        if worth.min() >= 0:
             break
         state = fewer[int(worth.argmin())]
     return state
@@ -275,16 +310,16 @@ def _without_local_errors(problem: Problem, state: Minimum) -> Minimum:
 
 def _criterion(state: Minimum, problem: Problem) -> float:
     """Cost of a minimum and of its patches."""
-    return state.cost + len(state.support) * _price(problem)
+    return state.cost + float(_prices(problem)[list(state.support)].sum())
 
 
-def _price(problem: Problem) -> float:
-    """What a patch must gain."""
-    return float(0.5 * np.log(len(problem.seen) / problem.tau) + np.log(float(problem.choices)))
+def _prices(problem: Problem) -> np.ndarray:
+    """(P,) what each patch must gain."""
+    return 0.5 * np.log(len(problem.seen) / problem.tau) + problem.odds
 
 
 def _next(problem: Problem, state: Minimum) -> int:
-    """The patch that lowers the cost most when it is added alone, reflectances following.
+    """The patch that gains most beyond its price when it is added alone, reflectances following.
 
     The most promising ones by slope and curvature where they are dark are tried at several brightnesses.
     """
@@ -300,8 +335,8 @@ def _next(problem: Problem, state: Minimum) -> int:
     slope = (weight * r * problem.sigma) @ change
     # a group that is brighter than white asks for light by itself
     slope += (np.maximum(state.log_rho - WHITE, 0) / ABOVE**2) @ mean
-    promise = np.where(slope > 0, slope**2 / np.maximum(weight @ change**2, 1e-12), -1.0)
-    promise[list(state.support)] = -2.0
+    promise = np.where(slope > 0, 0.5 * slope**2 / np.maximum(weight @ change**2, 1e-12) - problem.odds, -_NEVER)
+    promise[list(state.support)] = -2 * _NEVER
     best, chosen = np.inf, int(np.argmax(promise))
     for patch in np.argsort(-promise)[:_TRIED]:
         given = problem.unseen[:, patch]
@@ -316,8 +351,9 @@ def _next(problem: Problem, state: Minimum) -> int:
         left = (y - g[problem.group]) / problem.sigma
         cost = 0.5 * (FREEDOM + 1) * np.log1p(left * left / FREEDOM).sum(axis=0) / problem.tau
         cost += 0.5 * (((g - state.middle) / WITHIN) ** 2).sum(axis=0)
-        if cost.min() < best:
-            best, chosen = float(cost.min()), int(patch)
+        least = float(cost.min()) + problem.odds[patch]
+        if least < best:
+            best, chosen = least, int(patch)
     return chosen
 
 

@@ -18,7 +18,7 @@ from fipt.stages.emitters.edges import without_edge
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.observations import guess_confidence
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
-from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained, witnessed
+from fipt.stages.emitters.unseen_fit import Guess, SearchSpace, Start, explain, explained, witnessed
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 
 _ENCLOSED = 0.3
@@ -107,7 +107,7 @@ def with_guess(
     extracted: Extracted,
     cache: Mapping[str, np.ndarray],
     environment: EnvironmentMap,
-    rejected: np.ndarray,
+    at_most: np.ndarray,
     before: np.ndarray | None = None,
     asked: bool = False,
 ) -> Guessed:
@@ -125,15 +125,16 @@ def with_guess(
         The training views.
     extracted
         Emitters that views show.
-    rejected
-        (T,) bool: triangles that a person said not to emit.
+    at_most
+        (T,) radiance that is known to be the most of each triangle, the mean of the channels: 0 where a person said
+        that it does not emit, what a mirror shows of it, inf elsewhere.
     before
         (T,) int64 emitter that was guessed in the round before, -1 for none. It stays unless another guess gains more.
     asked
         Whether the refinement found that the emitters give too little light.
     """
-    before = np.full(len(rejected), -1) if before is None else np.where(rejected, -1, before)
-    trial = partial(_trial, mesh, shards, cache=cache, environment=environment, rejected=rejected, before=before)
+    before = np.full(len(at_most), -1) if before is None else np.where(at_most > 0, before, -1)
+    trial = partial(_trial, mesh, shards, cache=cache, environment=environment, at_most=at_most, before=before)
     judged = _judged(trial, shards, extracted, len(mesh.triangles), asked or bool((before >= 0).any()))
     found, tried, missing = judged.emitters, judged.trial, _missing(mesh, judged.darkened)
     if tried is None:
@@ -225,7 +226,7 @@ def _trial(
     found: Emitters,
     cache: Mapping[str, np.ndarray],
     environment: EnvironmentMap,
-    rejected: np.ndarray,
+    at_most: np.ndarray,
     before: np.ndarray,
     asked: bool = False,
 ) -> _Trial | None:
@@ -243,7 +244,7 @@ def _trial(
     known = seen_light(blocks, lights)
     if not asked and explained(blocks, known):
         return None
-    hidden = lights.hidden & ~rejected
+    hidden = lights.hidden & (at_most > blocks.white)  # what a mirror shows to be as dark as surface is no lamp
     met = hidden & (lights.met > 0)  # of the rays from what is seen
     part = small_parts(mesh, hidden, lights.met)
     met |= part >= 0  # few rays meet a bulb, and each of them one of its many triangles
@@ -251,7 +252,7 @@ def _trial(
     trial = _finer(offered(patches_of(mesh, met, part)), offered, mesh)
     if (hidden & (before >= 0)).any():
         old = patches_as_before(mesh, met | hidden & (before >= 0), part, before)
-        again = offered(old, trial if trial.guess.determined else None, trial.guess.choices)
+        again = offered(old, trial if trial.guess.determined else None, trial.guess.space)
         better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
         trial = again if again.guess.determined and better else trial
     return _measured(trial, lights, asked) if trial.guess.determined else trial
@@ -285,12 +286,12 @@ def _offered(
     asked: bool,
     patches: Patches,
     after: _Trial | None = None,
-    choices: int = 1,
+    space: SearchSpace | None = None,
 ) -> _Trial:
     """Guess which patches emit, of those of an area of ``least`` or more, square metres: others hide in a mesh's gaps.
 
-    ``after`` another guess, the search begins with its small parts, under its errors. Patches that were found among
-    more ``choices`` pay for all of them.
+    ``after`` another guess, the search begins with its small parts, under its errors. Patches that were found in
+    a larger ``space`` pay for all of it.
     """
     transport = with_patches(blocks, patches, lights, known)
     # of what a patch sends out, pi times its area and radiance, blocks have a sample
@@ -302,7 +303,7 @@ def _offered(
     start = None
     if after is not None:
         start = Start(patches.columns_of(after.patches.small(after.emits)), after.guess.errors)
-    return _Trial(blocks, transport, patches, explain(blocks, patches, transport, asked, start, choices))
+    return _Trial(blocks, transport, patches, explain(blocks, patches, transport, asked, start, space))
 
 
 def _measured(trial: _Trial, lights: Lights, asked: bool) -> _Trial:
@@ -318,7 +319,7 @@ def _measured(trial: _Trial, lights: Lights, asked: bool) -> _Trial:
     piece = np.unique(trial.guess.radiance[emits], axis=0, return_inverse=True)[1].reshape(-1)
     patches = replace(patches, piece=piece, kept=np.ones(len(piece), bool))
     found = trial.guess
-    again = explain(trial.blocks, patches, transport, asked, Start.of_all(patches, found), found.choices)
+    again = explain(trial.blocks, patches, transport, asked, Start.of_all(patches, found), found.space)
     return _Trial(trial.blocks, transport, patches, again)
 
 

@@ -2,7 +2,8 @@
 
 INPUTS:  results/{scene}/round-{k}/shading, samples and pictures of the training shards, mesh, cache.npz, environment.npz;
          round-{k}/model.safetensors where its mask decides; else the fit of the round comes after this
-         from round 1: whether the loop settled in the round before, and its emitters, which stay then
+         from round 1: whether the loop settled in the round before, and its emitters, which stay then; its model,
+         which tells what is a mirror
          the decisions in results/{scene}/emitters_review.yaml as parameters, that file itself never
 OUTPUTS: results/{scene}/round-{k}/emitters.npz     triangles, radiance, area (m2), patches, views, confidence
          results/{scene}/round-{k}/emitters.json    the same by patch, for people
@@ -28,6 +29,7 @@ rule emitters:
         settled=previous("results/{scene}/round-{round}/settled.json"),
         previous=previous("results/{scene}/round-{round}/emitters.npz"),
         listed=previous("results/{scene}/round-{round}/emitters.json"),
+        model_before=previous("results/{scene}/round-{round}/model.safetensors"),
     output:
         emitters="results/{scene}/round-{round}/emitters.npz",
         listed="results/{scene}/round-{round}/emitters.json",
@@ -50,6 +52,7 @@ rule emitters:
         model=option("--model", "model"),
         settled=option("--settled", "settled"),
         previous=option("--previous", "previous"),
+        model_before=option("--model-before", "model_before"),
         decisions=ask("decisions.emission"),
         settings=settings("emitters"),
         version=VERSIONS["emitters"],
@@ -57,7 +60,7 @@ rule emitters:
         "fipt emitters --dataset {params.dataset:q} --samples {params.samples:q}"
         " --shading {params.shading:q} {params.model:q} --out {output.emitters:q}"
         " --cache {input.cache:q} --environment {input.environment:q} {params.decisions:q}"
-        " {params.settled:q} {params.previous:q}"
+        " {params.settled:q} {params.previous:q} {params.model_before:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 

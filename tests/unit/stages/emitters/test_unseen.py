@@ -15,7 +15,7 @@ from fipt.scene.voxels import facings, voxel_keys
 from fipt.stages.emitters import unseen_guess, unseen_surface
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
-from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained, witnessed
+from fipt.stages.emitters.unseen_fit import Guess, SearchSpace, Start, explain, explained, witnessed
 from fipt.stages.emitters.unseen_guess import _square_pixel
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 from tests import scenes
@@ -311,17 +311,47 @@ def test_who_looks_closer_pays_for_the_whole_search(np_rng):
     blocks, patches, transport = problem(np_rng, np.where(np.arange(40) == 3, 0.3, 0))
     chosen = replace(patches, kept=np.arange(40) == 3, piece=np.where(np.arange(40) == 3, 0, -1))
     found = explain(blocks, patches, transport, True)
-    assert found.choices == 40
+    assert found.space == SearchSpace(40, patches.area.sum())
     start = Start.of_all(chosen, found)
-    again = explain(blocks, chosen, transport, True, start, found.choices)
-    assert again.choices == 40
+    again = explain(blocks, chosen, transport, True, start, found.space)
+    assert again.space == found.space
     assert again.gain == pytest.approx(found.gain, rel=0.1)
     alone = explain(blocks, chosen, transport, True, start)
-    assert alone.choices == 1
-    assert alone.gain == pytest.approx(again.gain + np.log(40), abs=0.01)
-    many = explain(blocks, chosen, transport, True, start, int(np.exp(min(found.gain, 80)) * 41))
-    assert not many.radiance.any()
-    assert many.choices > 40
+    assert alone.space.choices == 1
+    many = SearchSpace(int(np.exp(min(found.gain, 80)) * 41), 1e40)
+    told = explain(blocks, chosen, transport, True, start, many)
+    assert not told.radiance.any()
+    assert told.space == many
+
+
+def test_a_lamp_is_in_a_large_patch_rather_than_in_a_scrap():
+    """Of 9 m2 in ten patches: halves of the odds go by number and by area; a bulb is as likely as any."""
+    area, part = np.array([3.0, *np.full(8, 0.75), 0.001]), np.arange(10) - 9
+    patches = Patches(np.arange(10), np.zeros((10, 3)), area, np.arange(10), 1.0, np.zeros(10, bool), np.full(10, -1))
+    space = SearchSpace().with_patches(patches, 10)
+    odds = space.odds(patches, np.eye(10))
+    np.testing.assert_allclose(np.exp(-odds), 0.5 / 10 + 0.5 * area / area.sum())
+    assert np.exp(-odds).sum() == pytest.approx(1)
+    assert odds[9] - odds[0] == pytest.approx(np.log((0.05 + 1.5 / 9.001) / 0.05), abs=0.01)
+    bulb = replace(patches, part=np.maximum(part, -1))
+    np.testing.assert_allclose(np.exp(-space.odds(bulb, np.eye(10)))[9], 0.1)
+    # of what is joined, all of it counts
+    np.testing.assert_allclose(np.exp(-space.odds(patches, np.ones((10, 1)))), 0.5 / 10 + 0.5)
+
+
+@pytest.mark.parametrize("area", [0.01, 4.0], ids=["a scrap", "a whole wall"])
+def test_where_blocks_do_not_tell_the_larger_of_two_patches_emits(np_rng, area):
+    """Two patches that light alike are told by their areas alone."""
+    blocks, patches, transport = problem(np_rng, np.where(np.arange(40) == 3, 0.3, 0))
+    unseen = transport.unseen.copy()
+    unseen[:, 5] = unseen[:, 3]
+    areas = patches.area.copy()
+    areas[3], areas[5] = area, 1.0
+    patches = replace(patches, area=areas, part=np.full(len(patches.part), -1))
+    guess = explain(blocks, patches, replace(transport, unseen=unseen), True)
+    emits = guess.radiance.max(axis=1) > 0
+    assert emits[5 if area < 1 else 3]
+    assert not emits[3 if area < 1 else 5]
 
 
 def test_nothing_unseen_is_no_guess(np_rng):
@@ -345,11 +375,13 @@ def guessing(monkeypatch, floor_and_ceiling):
         extracted: Extracted | None = None,
         radiance: float = 5.0,
         asked: bool = False,
+        at_most: float = np.inf,
     ):
         blocks = SimpleNamespace(
             radiance=np.full((50, 3), radiance),
             triangle=np.arange(50) % 2,
             brightest=radiance,
+            white=2.5 * radiance,
             beyond=lambda *_: np.full((len(floor_and_ceiling.triangles), 2, 3), np.nan),
         )
         number = np.full(len(floor_and_ceiling.triangles), -1)
@@ -364,18 +396,27 @@ def guessing(monkeypatch, floor_and_ceiling):
             "Lights": SimpleNamespace(mesh=floor_and_ceiling, hidden=number >= 0, met=number >= 0),
             "seen_light": known,
             "explained": is_explained,
-            "patches_of": patches,
             "with_patches": known,
             "explain": guess,
             "witnessed": guess,
         }.items():
             monkeypatch.setattr(unseen_guess, name, lambda *_, value=value, **__: value)
         monkeypatch.setattr(unseen_guess, "_measured", lambda trial, *_: trial)
-        rejected = np.zeros(len(number), bool)
+        monkeypatch.setattr(
+            unseen_guess, "patches_of", lambda _, met, *__: replace(patches, number=np.where(met, number, -1))
+        )
+        most = np.where(number >= 0, at_most, np.inf)
         extracted = extracted or Extracted(Emitters.none(), Undecided.none())
-        return unseen_guess.with_guess(floor_and_ceiling, [], extracted, {}, NOTHING, rejected, asked=asked)
+        return unseen_guess.with_guess(floor_and_ceiling, [], extracted, {}, NOTHING, most, asked=asked)
 
     return run
+
+
+@pytest.mark.parametrize(("at_most", "emits"), [(12.0, False), (13.0, True)], ids=["dark", "bright"])
+def test_what_a_mirror_shows_to_be_dark_is_no_lamp(guessing, at_most, emits):
+    """White surface would be 12.5 under the light of the room."""
+    told = guessing(Guess(np.array([[9.0, 8.0, 7.0]]), 0.3, 0.6, 400.0, 0.06, 0.25, True), at_most=at_most)
+    assert emits == (len(told.emitters.triangle) > 0)
 
 
 def test_guessed_emitters_are_marked_and_named(guessing, floor_and_ceiling, tmp_path):
@@ -549,7 +590,7 @@ def test_what_is_enclosed_is_no_part_of_a_pane(guessing, floor_and_ceiling, monk
     monkeypatch.setattr(unseen_guess, "with_patches", lambda *_: given)
     monkeypatch.setattr(unseen_guess, "explain", lambda _blocks, patches, *_: offered.append(patches) or none)
     mesh, extracted = floor_and_ceiling, Extracted(Emitters.none(), Undecided.none())
-    unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, np.zeros(len(mesh.triangles), bool))
+    unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, np.full(len(mesh.triangles), np.inf))
     np.testing.assert_array_equal(offered[0].piece, [0, -1])
 
 
@@ -573,7 +614,7 @@ def test_what_emits_is_measured_by_more_rays(backend, np_rng):
     assert found.guess.determined
     np.testing.assert_allclose(found.guess.radiance, 5, rtol=0.05)
     assert len(np.unique(found.guess.radiance[:, 0])) == 1  # still one emitter
-    searched = replace(guess, choices=10**40)
+    searched = replace(guess, space=SearchSpace(10**40, 1e40))
     found = unseen_guess._measured(unseen_guess._Trial(blocks, few, patches, searched), own, True)
     assert not found.guess.determined, "it is not worth the price of so long a search"
     dark = replace(blocks, radiance=np.full((300, 3), 0.04))  # as without the panel
@@ -814,32 +855,36 @@ def test_what_was_guessed_before_stays_unless_another_guess_gains_more(
     guessing, floor_and_ceiling, monkeypatch, gain, radiance
 ):
     """It gains 4; the panel is offered as hidden surface too, and gains nothing, less or more."""
-    none = Guess(np.zeros((1, 3)), before=0.4, choices=33)
+    space = SearchSpace(33, 5.0)
+    none = Guess(np.zeros((1, 3)), before=0.4, space=space)
     guessing(none)
 
     asked = []
 
-    def told_of(patches, _transport, _asked, _start=None, choices=1):
-        asked.append((patches.kept.any(), choices))
+    def told_of(patches, _transport, _asked, _start=None, given=None):
+        asked.append((patches.kept.any(), given))
+        if (patches.number < 0).all():
+            return Guess(np.zeros((len(patches.area), 3)))
         if patches.kept.any():
             return Guess(np.tile(7.0 * patches.kept[:, None], (1, 3)), 0.3, 0.1, 4.0, 0.06, 0.25, True)
         return (
             none
             if gain is None
-            else Guess(np.full((len(patches.area), 3), 2.0), 0.3, 0.1, gain, 0.06, 0.25, True, choices=33)
+            else Guess(np.full((len(patches.area), 3), 2.0), 0.3, 0.1, gain, 0.06, 0.25, True, space=space)
         )
 
     monkeypatch.setattr(unseen_guess, "explain", lambda _, *given: told_of(*given))
     monkeypatch.setattr(unseen_guess, "with_patches", lambda _, patches, *__: evenly(len(patches.area)))
     mesh, extracted = floor_and_ceiling, Extracted(Emitters.none(), Undecided.none())
-    before, rejected = np.array([-1, -1, 5, 5]), np.zeros(4, bool)
-    told = unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, rejected, before)
+    before, unknown = np.array([-1, -1, 5, 5]), np.full(4, np.inf)
+    told = unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, unknown, before)
     np.testing.assert_array_equal(told.emitters.triangle, [2, 3])
     np.testing.assert_array_equal(told.emitters.radiance, radiance)
     assert told.emitters.guessed.all()
-    assert {choices for kept, choices in asked if kept} == {33}, "it pays for the new search"
-    nothing = unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, before >= 0, before).emitters
-    assert (nothing.radiance != 7).all()  # a person rejected it
+    assert {given for kept, given in asked if kept} == {space}, "it pays for the new search"
+    rejected = np.where(before >= 0, 0, np.inf)
+    nothing = unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, rejected, before).emitters
+    assert len(nothing.triangle) == 0  # a person rejected it
 
 
 @pytest.mark.parametrize(
@@ -859,7 +904,7 @@ def test_cells_are_halved_as_long_as_a_guess_is_determined(guessing, floor_and_c
     )
     monkeypatch.setattr(unseen_guess, "explain", lambda _, patches, *__: sides.append(patches.side) or next(guesses))
     extracted = Extracted(Emitters.none(), Undecided.none())
-    told = unseen_guess.with_guess(floor_and_ceiling, [], extracted, {}, NOTHING, np.zeros(4, bool))
+    told = unseen_guess.with_guess(floor_and_ceiling, [], extracted, {}, NOTHING, np.full(4, np.inf))
     assert sides == [100.0, 50.0, 25.0][: len(gains)]
     np.testing.assert_array_equal(told.emitters.radiance, radiance)
 
@@ -1050,7 +1095,7 @@ def test_light_that_nothing_explains_where_nothing_is_hidden(backend, np_rng):
     shards = scenes.observed([samples], [shading], [(radiance, np.ones(len(place), np.float32))])
     cache = cache_of(place, normal, 0.0) | {"radiance": cache_of(place, normal, 0.0)["radiance"] + 0.02}
     found = unseen_guess.with_guess(
-        mesh, shards, Extracted(Emitters.none(), Undecided.none()), cache, NOTHING, np.zeros(12, bool)
+        mesh, shards, Extracted(Emitters.none(), Undecided.none()), cache, NOTHING, np.full(12, np.inf)
     )
     assert len(found.emitters.triangle) == 0
     assert found.figures["guess"]["patches"] == 0
