@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from scipy.ndimage import binary_erosion
+from scipy.ndimage import binary_erosion, binary_fill_holes, maximum_filter, minimum_filter
 from scipy.spatial import cKDTree
 
 from fipt.model.parts import MaterialModel, seen_materials
@@ -15,16 +15,19 @@ from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import ALONE
 from fipt.scene.voxels import facings
 
-_SMOOTH = 0.15
-"""Roughness up to which a metal is a mirror."""
+_SMOOTH = 0.2
+"""Roughness up to which metal is a mirror: fits give 0.14 to sharp ones. Spread over its lobe, a decimetre at 3 m, a
+lamp of a room is still much brighter than surface."""
 _MOST = 1 << 21
-"""Pixels that the model is asked about, those of views spread evenly over all: seconds."""
-_FLAT = 16
-"""Pixels in one plane of a view that a mirror has at least: a curved one shows what its noisy normals make of it."""
-_STEP, _DEPTH = 1 / 64, 0.01
-"""Steps of the normal, and metres along it, by which planes are told."""
+"""Pixels that the model is asked about, of the views that show most of mirrors: seconds."""
+_FIRST = 1 << 18
+"""Pixels of all views that tell which views these are."""
+_BORDER = 2
+"""Pixels along the border of a mirror that are not used: they may hold some of a lamp beside it."""
 _DARK = 0.05
 """Base colour below which a mirror shows too little."""
+_CHUNK = 1 << 14
+"""Rays at a time: many small triangles may lie around each."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +52,10 @@ class _Pixels:
 def shown_by_mirrors(mesh: Mesh, data: Dataset, shards: Sequence[ObservedShard], model: MaterialModel) -> np.ndarray:
     """Radiance that triangles have at most, as mirrors show them to the training views.
 
-    What is metal, smooth and flat is a mirror, but for the pixels along its border: they may hold some of a lamp beside
-    it. It shows a triangle if one of its rays ends there, or within two widths of its pixel from the triangle's centre,
-    on surface that faces the same way.
+    A mirror is smooth metal, so flat that what it shows is off by less than a pixel. The two pixels along its border do
+    not count. It shows a triangle if one of its rays ends there, or within two widths of its pixel from the triangle's
+    centre, on surface that faces the same way. Clipped and masked pixels, and whatever else it encloses and the model
+    takes for no mirror, may show a lamp: they bound nothing, nor does what is shown beside them.
 
     Parameters
     ----------
@@ -62,40 +66,66 @@ def shown_by_mirrors(mesh: Mesh, data: Dataset, shards: Sequence[ObservedShard],
     -------
     (T,) float64, the mean of the channels; inf where no mirror shows a triangle.
     """
-    of_views = [(shard, index) for shard in shards for index in range(len(shard.samples.views))]
-    pixels = sum(len(shard.radiance) for shard in shards)
-    found = [_mirrors(data, shard, index, model) for shard, index in of_views[:: max(-(-pixels // _MOST), 1)]]
-    mirrors = _Pixels(*(np.concatenate(column) for column in zip(*(astuple(each) for each in found), strict=True)))
-    if len(mirrors.shown) == 0:  # Dr.Jit traces no empty bundle
+    found = [_mirrors(data, shard, index, model) for shard, index in _views_with_mirrors(shards, model)]
+    if sum(len(each.shown) for each in found) == 0:  # Dr.Jit traces no empty bundle
         return np.full(len(mesh.triangles), np.inf)
+    mirrors = _Pixels(*(np.concatenate(column) for column in zip(*(astuple(each) for each in found), strict=True)))
     return _at_most(mesh, *_mirrored(RayScene(mesh), mirrors))
 
 
-def _mirrors(data: Dataset, shard: ObservedShard, index: int, model: MaterialModel) -> _Pixels:
-    """Pixels of mirrors in a view."""
-    samples = shard.samples
-    own, pixel, first = samples.of_view(index), samples.pixel_of_sample(index), samples.pixels(index).start
-    use = (samples.weight[own] >= ALONE) & (shard.weight[first + pixel] > 0) & ~shard.clipped[first + pixel]
-    rows, pixel = np.flatnonzero(use) + own.start, pixel[use]
-    position, normal = np.asarray(samples.position[rows]), np.asarray(samples.normal[rows])
-    footprint, triangle = np.asarray(samples.footprint[rows]), np.asarray(samples.triangle[rows])
-    brdf = seen_materials(model, position, normal, footprint, triangle)
+def _views_with_mirrors(shards: Sequence[ObservedShard], model: MaterialModel) -> list[tuple[ObservedShard, int]]:
+    """Shards and numbers of the views that show most of mirrors, `_MOST` pixels of them."""
+    views = [(shard, index) for shard in shards for index in range(len(shard.samples.views))]
+    size = np.array([int(np.prod(shard.samples.shapes[index])) for shard, index in views])
+    step = max(-(-int(size.sum()) // _FIRST), 1)
+    share = np.zeros(len(views))
+    for view, (shard, index) in enumerate(views):
+        rows, _ = _alone(shard, index)
+        share[view] = _smooth(shard, rows[::step], model)[0].sum()
+    order = np.argsort(-share, kind="stable")
+    return [views[view] for view in order[(share[order] > 0) & (np.cumsum(size[order]) <= max(_MOST, size.max()))]]
+
+
+def _alone(shard: ObservedShard, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Samples that fill their pixel in a view, and the pixels (of the view)."""
+    own, pixel = shard.samples.of_view(index), shard.samples.pixel_of_sample(index)
+    fills = np.asarray(shard.samples.weight[own]) >= ALONE
+    return np.flatnonzero(fills) + own.start, pixel[fills]
+
+
+def _smooth(shard: ObservedShard, rows: np.ndarray, model: MaterialModel) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) bool: which samples ``rows`` (N,) are of smooth metal, and (N, 3) their base colour."""
+    names = ("position", "normal", "footprint", "triangle")
+    brdf = seen_materials(model, *(np.asarray(getattr(shard.samples, name)[rows]) for name in names))
     base = np.asarray(brdf.base_color, np.float64)
-    smooth = np.zeros(samples.shapes[index], bool)
-    smooth.flat[pixel] = (brdf.metallic > 0.5) & (brdf.roughness <= _SMOOTH) & (base.min(axis=1) > _DARK)
-    inner = binary_erosion(smooth, np.ones((3, 3), bool)).ravel()[pixel]
-    inner[inner] = _in_large_planes(position[inner], normal[inner])
-    toward = position[inner] - data.camera(samples.views[index]).center.astype(np.float32)
-    shown = (shard.radiance[first + pixel[inner]] / base[inner]).mean(axis=1)
-    return _Pixels(toward, position[inner], normal[inner], footprint[inner], shown)
+    return (brdf.metallic > 0.5) & (brdf.roughness <= _SMOOTH) & (base.min(axis=1) > _DARK), base
 
 
-def _in_large_planes(position: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(N,) bool: which of some pixels are in planes that have `_FLAT` of them."""
-    along = (position * normal).sum(axis=1, keepdims=True) / _DEPTH
-    plane = np.round(np.column_stack([normal / _STEP, along])).astype(np.int64)
-    _, own, count = np.unique(plane, axis=0, return_inverse=True, return_counts=True)
-    return count[own.reshape(-1)] >= _FLAT
+def _mirrors(data: Dataset, shard: ObservedShard, index: int, model: MaterialModel) -> _Pixels:
+    """Pixels of mirrors in a view; what shows nothing that is sure is as bright as inf."""
+    samples, first = shard.samples, shard.samples.pixels(index).start
+    rows, pixel = _alone(shard, index)
+    smooth, base = _smooth(shard, rows, model)
+    use = smooth & (shard.weight[first + pixel] > 0) & ~shard.clipped[first + pixel]
+    region, normal = np.zeros(samples.shapes[index], bool), np.zeros((*samples.shapes[index], 3), np.float32)
+    region.flat[pixel] = smooth
+    normal.reshape(-1, 3)[pixel] = samples.normal[rows]
+    window = np.ones((2 * _BORDER + 1, 2 * _BORDER + 1), bool)
+    inner = binary_erosion(binary_fill_holes(region), window).ravel()[pixel]
+    bent = maximum_filter(normal, footprint=window[..., None]) - minimum_filter(normal, footprint=window[..., None])
+    bent = np.linalg.norm(bent, axis=2).ravel()[pixel]
+    position, footprint = np.asarray(samples.position[rows]), np.asarray(samples.footprint[rows])
+    toward = position - data.camera(samples.views[index]).center.astype(np.float32)
+    flat = 2 * bent <= footprint / np.maximum(np.linalg.norm(toward, axis=1), 1e-9)
+    shown = np.where(use, (shard.radiance[first + pixel] / np.maximum(base, _DARK)).mean(axis=1), np.inf)
+    kept = np.flatnonzero(inner & (flat | ~use))
+    return _Pixels(
+        toward[kept],
+        position[kept],
+        normal.reshape(-1, 3)[pixel[kept]],
+        footprint[kept],
+        shown[kept],
+    )
 
 
 def _mirrored(scene: RayScene, mirrors: _Pixels) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -116,7 +146,9 @@ def _at_most(mesh: Mesh, place: np.ndarray, triangle: np.ndarray, width: np.ndar
     facing, centers = facings(mesh.area_normals), mesh.corners.mean(axis=1)
     for way in np.unique(facing[triangle]):
         rows, own = np.flatnonzero(facing[triangle] == way), np.flatnonzero(facing == way)
-        near = cKDTree(centers[own]).query_ball_point(place[rows], 2 * width[rows], workers=-1)
-        count = np.array([len(each) for each in near])
-        np.maximum.at(most, own[np.concatenate(near).astype(np.int64)], np.repeat(shown[rows], count))
+        tree = cKDTree(centers[own])
+        for chunk in np.array_split(rows, -(-len(rows) // _CHUNK)):
+            near = tree.query_ball_point(place[chunk], 2 * width[chunk], workers=-1)
+            count = np.array([len(each) for each in near])
+            np.maximum.at(most, own[np.concatenate(near).astype(np.int64)], np.repeat(shown[chunk], count))
     return np.where(np.isfinite(most), most, np.inf)

@@ -185,7 +185,7 @@ def _guessed(
     guessed = with_guess(mesh, shards, replace(extracted, emitters=found), cache, outside, at_most, before, asked)
     figures = {
         "raised": len(np.unique(found.emitter[found.raised > 0])),
-        "mirrored": float(mesh.areas[np.isfinite(at_most) & ~rejected].sum()),
+        "area_in_mirrors": float(mesh.areas[np.isfinite(at_most) & ~rejected].sum()),
         **guessed.figures,
     }
     return guessed.emitters, (*brighter, *guessed.warnings), figures

@@ -76,7 +76,8 @@ class SearchSpace:
         """(Q,) logarithms of the odds against candidates of which ``members`` (P, Q) has the patches.
 
         Half of the odds are as likely for any candidate, and half go by area: a lamp may be anywhere, so that a large
-        patch holds it rather than a scrap. A small part is a thing of its own, however large.
+        patch holds it rather than a scrap. A small part is a thing of its own, however large. Planes count beside
+        their cells, so that all of it may be more than 1, by less than a half.
         """
         any_ = 1 / self.choices
         of_parts = (members * ~patches.of_small_parts[:, None]).sum(axis=0) == 0
@@ -338,7 +339,7 @@ def _next(problem: Problem, state: Minimum) -> int:
     promise = np.where(slope > 0, 0.5 * slope**2 / np.maximum(weight @ change**2, 1e-12) - problem.odds, -_NEVER)
     promise[list(state.support)] = -2 * _NEVER
     best, chosen = np.inf, int(np.argmax(promise))
-    for patch in np.argsort(-promise)[:_TRIED]:
+    for patch in np.argsort(-promise)[: min(_TRIED, len(promise) - len(state.support))]:
         given = problem.unseen[:, patch]
         unit = float(np.median(light)) / float(most_given(given))
         y = problem.log_color[:, None] - np.log(light[:, None] + given[:, None] * (unit * _AMPLITUDES))

@@ -127,7 +127,7 @@ def with_guess(
         Emitters that views show.
     at_most
         (T,) radiance that is known to be the most of each triangle, the mean of the channels: 0 where a person said
-        that it does not emit, what a mirror shows of it, inf elsewhere.
+        that it does not emit, what a mirror shows of it, inf elsewhere. No more than white surface has is no lamp.
     before
         (T,) int64 emitter that was guessed in the round before, -1 for none. It stays unless another guess gains more.
     asked

@@ -133,6 +133,28 @@ def test_a_refinement_that_finds_light_missing_asks_for_a_guess(work, monkeypatc
     assert told == [missing]
 
 
+def test_the_model_of_the_round_before_tells_what_mirrors_show(work, monkeypatch):
+    """A triangle that a mirror shows as dark, and one that a person rejects, are bounded; others are not."""
+    told, count = [], len(scenes.room().mesh.triangles)
+
+    def shown(mesh, data, shards, model):
+        assert len(mesh.triangles) == count
+        assert sum(len(shard.samples.views) for shard in shards) == len(data.views("train"))
+        assert model.query(mesh.corners[:, 0], None).metallic.shape == (count,)
+        return np.where(np.arange(count) == 0, 0.1, np.inf)
+
+    guess = unseen_guess.with_guess
+    monkeypatch.setattr("fipt.stages.emitters.mirrors.shown_by_mirrors", shown)
+    monkeypatch.setattr(unseen_guess, "with_guess", lambda *args: told.append(args[5]) or guess(*args))
+    rejects = json.dumps({"mesh_triangles": count, "reject": ["2-3"]})
+    given = ("emitters", work, "--cache", work / "cache.npz", "--decisions", rejects)
+    assert call(*given) == 0
+    assert call(*given, "--model-before", work / "round-0" / "model.safetensors") == 0
+    without, with_model = told
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(without)), [2, 3])
+    np.testing.assert_array_equal(with_model[:4], [np.float64(0.1), np.inf, 0, 0])
+
+
 def test_no_emitter_is_no_error(work, capsys):
     """The run goes on: paths are dark but for the cache, and renders are black."""
     assert call("emitters", work, settings={"decide": "mask", "points": 5, "threshold": 1.0}) == 0
