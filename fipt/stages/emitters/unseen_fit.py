@@ -7,9 +7,9 @@ E = E_seen + T e (`fipt.stages.emitters.unseen`). What is minimised, in logarith
 
 over e >= 0 and ln rho. Patches are added one by one, the best first, as long as the gain pays for them: each costs
 ln(sqrt(N / tau) / p), the extended Bayesian information criterion (Chen and Chen 2008), p being how likely it was
-beforehand: half of that is the same for all patches to choose from, half goes by their area. sigma is measured: the
-spread of what is left. tau says how many neighbouring blocks err alike, so that N / tau of them count; it is measured,
-too. Rooms whose shading is merely 5 to 15 % off therefore have no guess.
+beforehand: half of that is the same for all patches to choose from, half goes by the area of cells. sigma is measured:
+the spread of what is left. tau says how many neighbouring blocks err alike, so that N / tau of them count; it is
+measured, too. Rooms whose shading is merely 5 to 15 % off therefore have no guess.
 
 With no emitter in any view the scale of the light hangs on what seen surface gives to seen surface, which is measured,
 and on the prior of the reflectances.
@@ -75,13 +75,12 @@ class SearchSpace:
     def odds(self, patches: Patches, members: np.ndarray) -> np.ndarray:
         """(Q,) logarithms of the odds against candidates of which ``members`` (P, Q) has the patches.
 
-        Half of the odds are as likely for any candidate, and half go by area: a lamp may be anywhere, so that a large
-        patch holds it rather than a scrap. A small part is a thing of its own, however large. Planes count beside
-        their cells, so that all of it may be more than 1, by less than a half.
+        Half of the odds of a cell are those of any candidate, half go by its area: a lamp may be anywhere, so that a
+        whole cell holds it rather than a scrap of one. Small parts, and what is joined, are things: as likely as any.
         """
         any_ = 1 / self.choices
-        of_parts = (members * ~patches.of_small_parts[:, None]).sum(axis=0) == 0
-        by_area = np.where(of_parts, any_, patches.area @ members / max(self.area, 1e-12))
+        cell = ((members > 0).sum(axis=0) == 1) & (members * patches.of_small_parts[:, None] == 0).all(axis=0)
+        by_area = np.where(cell, patches.area @ members / max(self.area, 1e-12), any_)
         return -np.log(0.5 * any_ + 0.5 * by_area)
 
 
