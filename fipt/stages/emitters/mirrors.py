@@ -12,7 +12,7 @@ from fipt.render.scene import RayScene
 from fipt.scene.dataset import Dataset
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
-from fipt.scene.samples import ALONE
+from fipt.scene.samples import ALONE, scattered
 from fipt.scene.voxels import facings
 
 _SMOOTH = 0.2
@@ -74,14 +74,14 @@ def shown_by_mirrors(mesh: Mesh, data: Dataset, shards: Sequence[ObservedShard],
 
 
 def _views_with_mirrors(shards: Sequence[ObservedShard], model: MaterialModel) -> list[tuple[ObservedShard, int]]:
-    """Shards and numbers of the views that show most of mirrors, `_MOST` pixels of them."""
+    """Shards and numbers of the views that show most of the mirrors, `_MOST` pixels in all."""
     views = [(shard, index) for shard in shards for index in range(len(shard.samples.views))]
     size = np.array([int(np.prod(shard.samples.shapes[index])) for shard, index in views])
     step = max(-(-int(size.sum()) // _FIRST), 1)
     share = np.zeros(len(views))
     for view, (shard, index) in enumerate(views):
         rows, _ = _alone(shard, index)
-        share[view] = _smooth(shard, rows[::step], model)[0].sum()
+        share[view] = _smooth(shard, rows[scattered(0, len(rows), step)], model)[0].sum()
     order = np.argsort(-share, kind="stable")
     return [views[view] for view in order[(share[order] > 0) & (np.cumsum(size[order]) <= max(_MOST, size.max()))]]
 
@@ -102,7 +102,7 @@ def _smooth(shard: ObservedShard, rows: np.ndarray, model: MaterialModel) -> tup
 
 
 def _mirrors(data: Dataset, shard: ObservedShard, index: int, model: MaterialModel) -> _Pixels:
-    """Pixels of mirrors in a view; what shows nothing that is sure is as bright as inf."""
+    """Pixels of mirrors in a view; those that tell nothing show inf."""
     samples, first = shard.samples, shard.samples.pixels(index).start
     rows, pixel = _alone(shard, index)
     smooth, base = _smooth(shard, rows, model)
@@ -140,7 +140,7 @@ def _mirrored(scene: RayScene, mirrors: _Pixels) -> tuple[np.ndarray, np.ndarray
 
 
 def _at_most(mesh: Mesh, place: np.ndarray, triangle: np.ndarray, width: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """(T,) the brightest of what is shown of each triangle, by rays (N,) that end there or beside; inf of none."""
+    """(T,) the brightest that is shown of each triangle by rays (N,) that end there or beside; inf where none does."""
     most = np.full(len(mesh.triangles), -np.inf)
     np.maximum.at(most, triangle, shown)
     facing, centers = facings(mesh.area_normals), mesh.corners.mean(axis=1)

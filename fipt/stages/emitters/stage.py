@@ -127,7 +127,7 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     guess: tuple[str, ...] = ()
     figures: dict[str, Any] = {}
     if settings.guess and inputs.cache is not None:
-        found, guess, figures = _guessed(inputs, extracted, mesh, shards, decided)
+        found, guess, figures = _guessed(inputs, extracted, data, mesh, shards, decided)
     found = replace(found, undecided=found.undecided.largest(mesh.areas, _MOST_ASKED))
     write_emitters(inputs.out, found, mesh, data.radiance_scale)
     count = int(found.emitter.max(initial=-1)) + 1
@@ -147,6 +147,7 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
 def _guessed(
     inputs: EmittersInputs,
     extracted: "Extracted",
+    data: "Dataset",
     mesh: "Mesh",
     shards: "Sequence[ObservedShard]",
     decided: "ReviewDecisions",
@@ -156,7 +157,6 @@ def _guessed(
 
     from fipt.model.store import load_model
     from fipt.scene.change import read_change
-    from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import read_emitters
     from fipt.scene.environment import read_environment
     from fipt.scene.voxels import read_cache
@@ -169,7 +169,7 @@ def _guessed(
     rejected, accepted = (_named(texts, len(mesh.triangles)) for texts in (decided.reject, decided.accept))
     at_most = np.full(len(mesh.triangles), np.inf)
     if inputs.model_before is not None:
-        at_most = shown_by_mirrors(mesh, Dataset(inputs.dataset), shards, load_model(inputs.model_before))
+        at_most = shown_by_mirrors(mesh, data, shards, load_model(inputs.model_before))
     at_most[rejected] = 0
     outside = read_environment(inputs.environment)
     before, raised = np.full(len(mesh.triangles), -1), np.zeros(len(mesh.triangles), bool)

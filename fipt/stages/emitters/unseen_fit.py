@@ -75,8 +75,8 @@ class SearchSpace:
     def odds(self, patches: Patches, members: np.ndarray) -> np.ndarray:
         """(Q,) logarithms of the odds against candidates of which ``members`` (P, Q) has the patches.
 
-        Half of the odds of a cell are those of any candidate, half go by its area: a lamp may be anywhere, so that a
-        whole cell holds it rather than a scrap of one. Small parts, and what is joined, are things: as likely as any.
+        Half of how likely a cell is goes by number, half by its area: a lamp may be anywhere, so that a whole cell
+        holds it rather than a scrap of one. Small parts, and what is joined, are things: as likely as any.
         """
         any_ = 1 / self.choices
         cell = ((members > 0).sum(axis=0) == 1) & (members * patches.of_small_parts[:, None] == 0).all(axis=0)
